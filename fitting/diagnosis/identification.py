@@ -11,7 +11,7 @@ import numpy as np
 from documents.message import Figures
 from documents.results import EqualByFields
 from fitting.dynamic.damping import DampingFit, Swings
-from fitting.pull.plateaus import Plateau, last_step
+from fitting.pull.plateaus import MIN_HOLD, Plateau, last_step
 from fitting.pull.pull import Pull, newest_first, of_test
 from fitting.results.codes import EXPLAINED_BY, FitOutcome, NoteCode, Verdict, worst
 from fitting.results.sentences import Note
@@ -22,6 +22,7 @@ from fitting.trial.bounce import Oscillation
 from fitting.trial.trial import RejectedTrial, Trial, data_origins
 from fitting.uncertainty import Estimate, combine
 from recordings.manifest import DataOrigin
+from recordings.standard_gravity import g
 
 
 @dataclass(frozen=True, eq=False)
@@ -265,8 +266,18 @@ def _stopped_static(pull: Pull) -> Note | None:
     added, removed = step
     figures: Figures = {"file": trial.file, "repeat": trial.repeat, "total": planned}
     if added < planned:
-        return Note(NoteCode.STOPPED_LOADING, {**figures, "count": added})
+        is_hidden = _hides_load(pull, g * trial.step_masses[added])
+        code = NoteCode.HIDDEN_LOADS if is_hidden else NoteCode.STOPPED_LOADING
+        return Note(code, {**figures, "count": added})
     return Note(NoteCode.STOPPED_UNLOADING, {**figures, "count": removed}) if removed < planned else None
+
+
+def _hides_load(pull: Pull, weight: float) -> bool:
+    """Whether the cuff is hidden as long as a hold while the force is above all held loads by half a weight [N]."""
+    hidden = pull.marker_time[np.isnan(pull.displacement)]
+    loads = [plateau.force for plateau in pull.plateaus]
+    is_above = np.interp(hidden, pull.force_time, pull.force) > max(loads, default=math.inf) + weight / 2
+    return bool(np.count_nonzero(is_above) * float(np.median(np.diff(pull.marker_time))) > MIN_HOLD)
 
 
 def _stopped_swing(trial: Trial, fit: DampingFit | None) -> Note | None:

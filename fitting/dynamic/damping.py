@@ -26,6 +26,7 @@ from fitting.dynamic.cross_checks import (
     without_lag,
 )
 from fitting.dynamic.errors_in_variables import (
+    KNOT_STEP,
     TAU,
     C,
     K,
@@ -59,6 +60,8 @@ NEGLIGIBLE_SLIP = 0.5
 """Apparent damping due to slip, in standard errors of c, below which slip is not removed; it is in the error anyway."""
 MAX_APPARENT_DAMPING = 0.1
 """Largest apparent damping, as part of c, if the cuff slips throughout the record."""
+SMOOTH = 0.5
+"""Differences of frames over √2 standard deviations, below which a displacement is a motion; white noise has 1."""
 MIN_SETTLED = 4
 """Least number of cycles without slip."""
 SIGNIFICANCE = 3.0
@@ -117,7 +120,7 @@ def fit_damping(pull: Pull, tie: Estimate | None = None) -> DampingFit:
     swing = _cut(pull, oscillation)
     solution = estimate(swing)
     outcomes = [solution.outcome]
-    _require_amplitude(solution)
+    _require_amplitude(swing, solution)
     slip = _find_slip(swing, solution, oscillation)
     notes = _sign_notes(pull, oscillation)
     if slip.cycles:
@@ -155,6 +158,9 @@ def _require_cycles(pull: Pull, oscillation: Oscillation) -> None:
             "expected": MIN_SAMPLES_PER_CYCLE,
         }
         raise UnusableTrial(RejectionCode.FEW_SAMPLES, figures)
+    frame_rate = 1 / float(np.median(np.diff(pull.marker_time)))
+    if frame_rate < 1.01 / KNOT_STEP:  # then the spline follows the force alone
+        raise UnusableTrial(RejectionCode.FEW_FRAMES, {"rate_hz": frame_rate, "expected_hz": 1 / KNOT_STEP})
 
 
 def _sign_notes(pull: Pull, oscillation: Oscillation) -> tuple[Note, ...]:
@@ -168,10 +174,19 @@ def _sign_notes(pull: Pull, oscillation: Oscillation) -> tuple[Note, ...]:
     return (Note(TrialNoteCode.POLARITY, {"fall_n": falls}),)
 
 
-def _require_amplitude(solution: SwingFit) -> tuple[Note, ...]:
-    """A note if the motion is small compared with its noise. Raises UnusableTrial if it is below the noise."""
+def _require_amplitude(swing: Swing, solution: SwingFit) -> tuple[Note, ...]:
+    """A note if the motion is small compared with its noise. Raises UnusableTrial if it is below the noise, or if the
+    cuff swings without the force, so that all of its motion would be noise, or a quarter to half a period apart from
+    it: a stiffness below zero with a damping above it. Both are below zero where the sign of the load cell is wrong.
+    """
     amplitude = math.sqrt(2) * float(np.std(solution.x))
-    if amplitude < MIN_AMPLITUDE * solution.marker_noise:
+    stiffness, damping = solution.parameters[[K, C]]
+    is_small = amplitude < MIN_AMPLITUDE * solution.marker_noise
+    is_smooth = np.std(np.diff(swing.displacement)) < SMOOTH * math.sqrt(2) * np.std(swing.displacement)
+    is_against = stiffness < -SIGNIFICANCE * math.sqrt(solution.covariance[K, K]) and damping > 0
+    if is_against or (is_small and is_smooth):
+        raise UnusableTrial(RejectionCode.INDISTINCT)
+    if is_small:
         figures = {"amplitude_m": amplitude, "noise_m": solution.marker_noise, "expected": MIN_AMPLITUDE}
         raise UnusableTrial(RejectionCode.SMALL_MOTION, figures)
     if amplitude < GOOD_AMPLITUDE * solution.marker_noise:
@@ -202,7 +217,7 @@ def _fit(
     posterior: LagPosterior | None,
 ) -> DampingFit:
     """The result of a record; apparent_damping [N s/m] due to slip is added to the noise of c."""
-    small = _require_amplitude(solution)  # again, as the stretch may have been cut
+    small = _require_amplitude(swing, solution)  # again, as the stretch may have been cut
     checks = check(swing, solution, oscillation.frequency)
     notes = small + disagreements(without_lag(solution), checks)
     notes += tuple(Note(TrialNoteCode.CHECK_NOT_CONVERGED, {"method": method}) for method in checks.not_converged)

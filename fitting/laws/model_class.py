@@ -376,13 +376,18 @@ class SampledPull:
 
 
 def sample_pull(pull: Pull, held: Sequence[Plateau], swing: Oscillation | None) -> SampledPull:
-    """Sample a pull with its held loads or its swing; hidden frames are interpolated linearly."""
+    """Sample a pull with its held loads or its swing; hidden frames are interpolated linearly.
+
+    Samples in gaps longer than half a smoothing window are not kept: there the line is no displacement of the cuff.
+    """
     seen = np.isfinite(pull.displacement)
     frame = float(np.median(np.diff(pull.marker_time)))
     filled = np.interp(pull.marker_time, pull.marker_time[seen], pull.displacement[seen])
     is_held = swing is None
     longest = 2 * ((len(filled) - 1) // 2) + 1  # for a short record
     window = max(5, min(longest, 2 * round((HELD_WINDOW if is_held else SWING_WINDOW) / frame / 2) + 1))
+    gaps = scipy.ndimage.binary_opening(~seen, np.ones(window // 2))
+    in_gap = scipy.ndimage.binary_dilation(gaps, np.ones(window)).astype(float)  # also the frames smoothed over a gap
     smooth = scipy.signal.savgol_filter(filled, window, 0 if is_held else 2)
     speed = scipy.signal.savgol_filter(filled, window, 2, deriv=1, delta=frame)
     step = max(STEP, float(np.median(np.diff(pull.force_time))))
@@ -401,7 +406,7 @@ def sample_pull(pull: Pull, held: Sequence[Plateau], swing: Oscillation | None) 
         lag_sd=0.0 if swing is None else _lag_sd(pull, swing),
         displacement=np.interp(time, pull.marker_time, smooth),
         velocity=np.interp(time, pull.marker_time, speed),
-        kept=_kept(time, held, swing),
+        kept=_kept(time, held, swing) & (np.interp(time, pull.marker_time, in_gap) == 0),
         is_held=is_held,
         repeat=pull.trial.repeat,
         play=(HELD_PLAY if is_held else SWING_PLAY) * _noise_left(filled - smooth, window, 0 if is_held else 2),

@@ -52,6 +52,11 @@ MOST_CREEP = 0.2
 """Part of the range of displacement by which the cuff may creep or slip while the load is held."""
 QUIET_PERCENTILE, LEAST_PROBABILITY = 10, 1e-9
 """Percentile of the noise over the seconds of a record, and the probability below which a stuck value is reported."""
+SOFTEST, CLEAR_TRAVEL = 100.0, 2e-3
+"""N/m that no cuff is below, and metres that are no marker noise."""
+SHORT, NOISE_SPREAD = 0.1, 8.0
+"""Seconds over which a force is averaged, and the spread of the means, in their standard errors, of noise alone: its
+0.5 and 99.5 percentiles are 5.2 apart."""
 TURN_NOTE = 0.5e-3
 """Metres by which the cuff's markers move apart under the load, from which it is reported."""
 APART = 10.0
@@ -283,10 +288,11 @@ def require_live_force(
     marker_time: NDArray[np.float64],
     displacement: NDArray[np.float64],
 ) -> None:
-    """Raise UnusableTrial if force (n,) [N] keeps one value for a second although it should change.
+    """Raise UnusableTrial if force (n,) [N] keeps one value for a second although it should change, or is noise alone
+    while the cuff (frames,) [m] moves.
 
-    A held load may stay at one code. It is stuck if the cuff (frames,) [m] moves meanwhile, or if the noise of the
-    quietest seconds of the force makes one code for so long improbable.
+    A held load may stay at one code. It is stuck if the cuff moves meanwhile, or if the noise of the quietest seconds
+    of the force makes one code for so long improbable.
     """
     bounds = np.concatenate(([0], np.flatnonzero(np.diff(force)) + 1, [len(force)]))
     runs = np.column_stack((bounds[:-1], bounds[1:]))
@@ -303,6 +309,13 @@ def require_live_force(
             if moves:
                 raise UnusableTrial(RejectionCode.FORCE_STUCK_MOVING, figures)
             raise UnusableTrial(RejectionCode.FORCE_STUCK_QUIET, {**figures, "noise_n": noise})
+    width = max(1, round(SHORT / float(np.median(np.diff(force_time)))))
+    change = _spread(scipy.ndimage.uniform_filter1d(force, width))
+    noise = float(np.std(np.diff(force))) / math.sqrt(2 * width)
+    if travel > CLEAR_TRAVEL and change < min(SOFTEST * travel, NOISE_SPREAD * noise):
+        start, end = float(force_time[0]), float(force_time[-1])
+        figures = {"force_n": float(np.mean(force)), "duration_s": end - start, "start_s": start}
+        raise UnusableTrial(RejectionCode.FORCE_STUCK_MOVING, figures)
 
 
 def require_live_markers(

@@ -225,6 +225,11 @@ class NoteCode(Code):
         "static, repeat {repeat:.0f}: stopped after {count:.0f} of {total:weight}; record it again, and hang "
         "all of them one by one",
     )
+    HIDDEN_LOADS = (
+        "note.hidden_loads",
+        "static, repeat {repeat:.0f}: {count:.0f} of {total:weight} can be used, because the markers are hidden while "
+        "more is held; record it again in the view of the cameras",
+    )
     STOPPED_UNLOADING = (
         "note.stopped_unloading",
         "static, repeat {repeat:.0f}: stopped after {count:.0f} of {total:weight} were taken off; record it "
@@ -344,14 +349,16 @@ class NoteCode(Code):
     NO_SHIFT = "note.assessed_without_migration", "migration is not identified: assessed as if the cuff did not migrate"
 
 
+_LOADS_MISSING = (
+    Verdict.FEW_LOADS,
+    Verdict.ONLY_ROSE,
+    Verdict.STIFFNESS_UNCERTAIN,
+    Verdict.STIFFNESS_NOT_CONVERGED,
+    Verdict.NOT_UNLOADED,
+)
 EXPLAINED_BY: Mapping[StrEnum, tuple[Verdict, ...]] = {
-    NoteCode.STOPPED_LOADING: (
-        Verdict.FEW_LOADS,
-        Verdict.ONLY_ROSE,
-        Verdict.STIFFNESS_UNCERTAIN,
-        Verdict.STIFFNESS_NOT_CONVERGED,
-        Verdict.NOT_UNLOADED,
-    ),
+    NoteCode.STOPPED_LOADING: _LOADS_MISSING,
+    NoteCode.HIDDEN_LOADS: _LOADS_MISSING,
     NoteCode.STOPPED_UNLOADING: (Verdict.ONLY_ROSE, Verdict.NOT_UNLOADED),
     NoteCode.STOPPED_SWINGING: (Verdict.NO_DYNAMIC, Verdict.DAMPING_UNCERTAIN, Verdict.DAMPING_NOT_CONVERGED),
 }

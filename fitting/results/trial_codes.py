@@ -55,9 +55,8 @@ class RejectionCode(Code):
     )
     NO_OVERLAP = (
         "rejected.no_overlap",
-        "force ends {force_end_s:.2f} s and markers end {marker_end_s:.2f} s after the sync edge, with "
-        "{samples:sample} "
-        f"and {{frames:frame}} in {{both_s:.2f}} s of both, expected at least {{expected_s:g}} s; {_AGAIN}",
+        "force ends {force_end_s:.2f} s and markers end {marker_end_s:.2f} s after the sync edge, with {samples:sample}"
+        f" and {{frames:frame}} in {{both_s:.2f}} s of both, expected at least {{expected_s:g}} s; {_AGAIN}",
     )
     NO_FRAMES = (
         "rejected.no_frames",
@@ -202,6 +201,10 @@ class RejectionCode(Code):
         "rejected.swing_hidden",
         "the markers are hidden or missing in most of the dynamic pull; check the cameras' view",
     )
+    FEW_FRAMES = (
+        "rejected.few_frames",
+        "{rate_hz:.3g} frames a second, expected more than {expected_hz:g}; raise the rate",
+    )
     SMALL_MOTION = (
         "rejected.small_motion",
         "the cuff moves by ± {amplitude_m:mm .2f} mm, expected at least {expected:g} times the marker noise of "
@@ -215,7 +218,7 @@ class RejectionCode(Code):
     INDISTINCT = (
         "rejected.stiffness_and_damping_indistinct",
         "the cuff does not move as the force does, so stiffness and damping cannot be distinguished; check that the "
-        "cuff's markers are on the cuff, and record again",
+        "cuff's markers are on the cuff and that force and markers are on one clock, and record again",
     )
     BOUNCE_FEW_CYCLES = (
         "rejected.bounce_few_cycles",

@@ -33,6 +33,10 @@ class GainMistake(Code):
     POUNDS_FOR_NEWTONS = "gain_mistake.pounds_for_newtons", "as if pounds were taken for newtons"
     NEWTONS_FOR_KILOGRAMS = "gain_mistake.newtons_for_kilograms", "as if newtons were taken for kilograms"
     KILOGRAMS_FOR_NEWTONS = "gain_mistake.kilograms_for_newtons", "as if kilograms were taken for newtons"
+    MILLINEWTONS_FOR_NEWTONS = (
+        "gain_mistake.millinewtons_for_newtons",
+        "as if millinewtons were taken for newtons, or grams for kilograms",
+    )
     UNKNOWN = (
         "gain_mistake.unknown",
         "which no common mistake explains; check capacity and full scale of the cell, and the weights",
@@ -93,6 +97,7 @@ MISTAKES = {
     1 / POUND: GainMistake.POUNDS_FOR_NEWTONS,
     g: GainMistake.NEWTONS_FOR_KILOGRAMS,
     1 / g: GainMistake.KILOGRAMS_FOR_NEWTONS,
+    1000.0: GainMistake.MILLINEWTONS_FOR_NEWTONS,
 }
 """Force read over true force → mistake."""
 MISTAKE_REACH = 0.03

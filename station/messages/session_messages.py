@@ -140,6 +140,11 @@ class ReasonCode(Code):
         "reason.weights_missing",
         "stopped after {found:.0f} of {planned:weight}; redo the trial, and hang all of them one by one",
     )
+    LOADS_HIDDEN = (
+        "reason.loads_hidden",
+        "{found:.0f} of {planned:weight} can be used, because the markers are hidden while more is held; redo the "
+        "trial in the view of the cameras",
+    )
     UNLOADING_MISSING = (
         "reason.unloading_missing",
         "stopped after {found:.0f} of {planned:weight} were taken off; redo the trial, and take all of them off "

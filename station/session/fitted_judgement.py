@@ -46,6 +46,11 @@ from station.session.guide import Cue, guide_for
 from station.session.judgement import MISSING, Judgement, Reason, Row, TrialQuantity, notes_at_the_bench
 
 NO_RESULT = {"static": ReasonCode.NO_STATIC_RESULT, "dynamic": ReasonCode.NO_DYNAMIC_RESULT}
+LOADS_MISSING = {
+    NoteCode.STOPPED_LOADING: ReasonCode.WEIGHTS_MISSING,
+    NoteCode.HIDDEN_LOADS: ReasonCode.LOADS_HIDDEN,
+    NoteCode.STOPPED_UNLOADING: ReasonCode.UNLOADING_MISSING,
+}
 GENERAL = (*NO_RESULT.values(), ReasonCode.UNUSABLE)
 """Reasons that state a consequence where the trial ended before its last step."""
 SHOWN_POINTS = 400
@@ -133,9 +138,7 @@ def _as_reason(note: Note) -> Reason:
     figures = note.figures
     if note.code is NoteCode.STOPPED_SWINGING:
         return Message(ReasonCode.SWING_SHORT, {name: figures[name] for name in ("found_s", "planned_s")})
-    is_loading = note.code is NoteCode.STOPPED_LOADING
-    code = ReasonCode.WEIGHTS_MISSING if is_loading else ReasonCode.UNLOADING_MISSING
-    return Message(code, {"found": figures["count"], "planned": figures["total"]})
+    return Message(LOADS_MISSING[note.code], {"found": figures["count"], "planned": figures["total"]})
 
 
 def _judge_trial(

@@ -62,6 +62,14 @@ def test_force_that_is_stuck_while_the_cuff_moves_is_refused() -> None:
     require_live_force(TIME, FORCE, TIME, way)
 
 
+def test_a_force_of_noise_alone_while_the_cuff_moves_is_refused() -> None:
+    noise = 0.1 * np.random.default_rng(1).standard_normal(len(TIME))
+    with raises_refusal(RejectionCode.FORCE_STUCK_MOVING, duration_s=pytest.approx(29.99), start_s=0.0):
+        require_live_force(TIME, 20 + noise, TIME, FORCE / 8000)
+    require_live_force(TIME, 20 + noise, TIME, 1e-4 * noise)  # a cuff that rests, too
+    require_live_force(TIME, (FORCE + noise) / 1000, TIME, FORCE / 8000)  # kilonewtons, which a later check names
+
+
 def test_a_held_load_may_read_one_code_but_not_while_the_cuff_moves() -> None:
     held = np.where(TIME < 15, 2.0, 17.0)
     rests = held / 8000 + 1e-5 * np.sin(9 * TIME)

@@ -211,6 +211,30 @@ def test_a_static_trial_that_ended_early_is_the_cause_of_the_verdicts_of_its_don
     assert not any(note.code in EXPLAINED_BY for note in _fit([windowed, dynamic]).notes)
 
 
+def _hidden(trial: Trial, start: float, end: float) -> Trial:
+    inside = (trial.marker_time > start) & (trial.marker_time < end)
+    return replace(trial, markers=np.where(inside[:, None, None], np.nan, trial.markers))
+
+
+def test_loads_under_which_the_markers_are_hidden_are_no_loads_that_were_not_hung() -> None:
+    """The force shows that all five are hung."""
+    static, dynamic = _donning("hand")[0]
+    planned = replace(static, step_masses=tuple(weight / 9.80665 for weight in (15.0,) * 5))
+    assert not any(note.code in EXPLAINED_BY for note in _fit([planned, dynamic]).notes)
+    fit = _fit([_hidden(planned, 12.0, 32.0), dynamic])
+    (note,) = [note for note in fit.notes if note.code in EXPLAINED_BY]
+    assert note.code is NoteCode.HIDDEN_LOADS and (note.figures["count"], note.figures["total"]) == (2, 5)
+    assert str(note) in fit.verdict
+
+
+def test_a_line_across_hidden_frames_is_no_law_of_the_cuff() -> None:
+    """The cuff slips, within the gap by 5 mm; Coulomb friction would leave the damping unidentified."""
+    static, dynamic = _donning("hand")[0]
+    fit = _fit([_hidden(static, 8.0, 11.0), _hidden(dynamic, 6.0, 8.0)])
+    assert fit.classes and fit.classes.chosen == ("slip",)
+    assert fit.verdicts == (Verdict.IDENTIFIED,)
+
+
 def test_a_short_swing_is_the_cause_of_a_damping_that_is_not_identified() -> None:
     static, dynamic = _donning("hand")[0]
     short = replace(_cut(dynamic, 6.0), swing_duration=16.0)

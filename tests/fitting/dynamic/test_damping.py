@@ -78,6 +78,11 @@ def test_damping_comes_back_with_the_lag_in_its_error() -> None:
     assert fit.damping.noise > fit.noise > 0
 
 
+def _with_every(pull: Pull, count: int) -> Pull:
+    """With every count-th frame alone."""
+    return replace(pull, marker_time=pull.marker_time[::count], displacement=pull.displacement[::count])
+
+
 @pytest.mark.parametrize(
     ("pull", "code"),
     [
@@ -85,6 +90,9 @@ def test_damping_comes_back_with_the_lag_in_its_error() -> None:
         (_pull(frequency=0.3, seconds=14.0), RejectionCode.FEW_CYCLES),
         (_pull(frequency=4.0, rate=20.0), RejectionCode.FEW_SAMPLES),
         (_pull(amplitude=0.15), RejectionCode.SMALL_MOTION),
+        (replace(_pull(), marker_time=_pull().marker_time + 0.3), RejectionCode.INDISTINCT),
+        (replace(_pull(), marker_time=_pull().marker_time + 0.6), RejectionCode.INDISTINCT),
+        (_with_every(_pull(), 10), RejectionCode.FEW_FRAMES),
     ],
 )
 def test_a_trial_from_which_damping_is_not_identified_is_refused(pull: Pull, code: RejectionCode) -> None:
