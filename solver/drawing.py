@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Literal
 
@@ -10,7 +10,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from solver.model import GROUND, Model, Path, PathPoint, PointConstraint, WrapSurface
+from solver.model import GROUND, Model, PathPoint, PointConstraint, WrapSurface
 from solver.multibody.postures import Postures, points_in_ground
 from solver.wrapping.path_tables import NO_SURFACE, pack_paths
 
@@ -116,8 +116,8 @@ def _shafts(model: Model, body: int) -> list[Bone]:
     return [Bone(body, "shaft", np.stack([start, end])) for end in ends]
 
 
-def path_lines(model: Model, postures: Postures, paths: Sequence[Path] | None = None) -> list[list[Array]]:
-    """Every path of the model's muscles, or other paths, in every frame: points (n, 3) [m] in ground.
+def path_lines(model: Model, postures: Postures) -> list[list[Array]]:
+    """Every path of the model's muscles in every frame: points (n, 3) [m] in ground.
 
     The nodes are those of `evaluate_paths` in mode "opensim". Between two tangent points the line is the chord
     projected onto the surface, which differs from OpenSim's curve there; lengths are those of evaluate_paths.
@@ -125,7 +125,7 @@ def path_lines(model: Model, postures: Postures, paths: Sequence[Path] | None = 
     """
     from solver.wrapping.wrapped_paths import allocate_nodes, allocate_wrap, pack_moving_points, place_path_nodes
 
-    chosen = tuple(muscle.path for muscle in model.muscles) if paths is None else tuple(paths)
+    chosen = tuple(muscle.path for muscle in model.muscles)
     tables = pack_paths(model, chosen)
     work = allocate_wrap(tables)
     nodes = allocate_nodes(len(postures.coordinates), len(chosen), work)

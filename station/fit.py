@@ -108,7 +108,7 @@ def _fit(
         for path in used
         if path.name in journal.assignments and path.name not in readings
     }
-    trials, rejected = read_trials(_with_progress(used, "reading trials", progress), {**readings, **assigned})
+    trials, rejected = read_trials(_with_progress(used, progress), {**readings, **assigned})
     rejected += tuple(_set_aside(path, journal) for path in paths if path.name in redone)
     rejected += tuple(RejectedTrial(path.name, Note(RejectionCode.OTHER_TRIAL)) for path in useless_copies_in(folder))
     if not trials:
@@ -163,8 +163,8 @@ def _as_assigned(manifest: Manifest, given: Assignment) -> Manifest:
     return replace(manifest, cuff=given.cuff, test=given.test, repeat=given.repeat, donning=given.donning)
 
 
-def _with_progress(paths: Sequence[Path], stage: str, progress: Progress) -> Iterator[Path]:
+def _with_progress(paths: Sequence[Path], progress: Progress) -> Iterator[Path]:
     for done, path in enumerate(paths):
-        progress(stage, done, len(paths))
+        progress("reading trials", done, len(paths))
         yield path
-    progress(stage, len(paths), len(paths))
+    progress("reading trials", len(paths), len(paths))

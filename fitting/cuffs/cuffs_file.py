@@ -318,8 +318,12 @@ class CuffsFileError(CodedError):
 
 def read_cuffs(path: Path | str) -> dict[str, Cuff]:
     """Read the cuffs of a cuffs.json by name, also of one written by hand. Raises CuffsFileError."""
-    path = ensure_path("path", path)
-    return {name: _wearable(name, entry) for name, entry in _validated(path, _read_document(path)).cuffs.items()}
+    return wearable_cuffs(read_cuffs_document(ensure_path("path", path)))
+
+
+def wearable_cuffs(document: CuffsDocument) -> dict[str, Cuff]:
+    """The cuffs of a document by name."""
+    return {name: _wearable(name, entry) for name, entry in document.cuffs.items()}
 
 
 def read_cuffs_document(path: Path) -> CuffsDocument:

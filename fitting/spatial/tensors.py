@@ -148,12 +148,12 @@ def require_span(directions: NDArray[np.float64], quantity: str, test: str) -> i
     raise NoTensor(code, {"quantity": quantity, "test": test, "directions": len(kinds), "missing": missing})
 
 
-def require_positive(tensor: Tensor, quantity: str) -> Tensor:
-    """The tensor. Raises NoTensor if the interval of an eigenvalue includes values below 0."""
+def _require_positive(tensor: Tensor) -> Tensor:
+    """A tensor of stiffness. Raises NoTensor if the interval of an eigenvalue includes values below 0."""
     lowest = tensor.eigenvalues[0]
     if lowest.ci95[0] <= 0:
         half_width = tensor.factor * lowest.standard_error
-        figures: Figures = {"quantity": quantity, "eigenvalue": lowest.value, "half_width": half_width}
+        figures: Figures = {"quantity": "stiffness", "eigenvalue": lowest.value, "half_width": half_width}
         raise NoTensor(TensorCode.NOT_POSITIVE, figures)
     return tensor
 
@@ -259,7 +259,7 @@ def held_tensor(trials: Sequence[Pull], gain_sd: float) -> Tensor:
     covariance = max(1.0, inflation) * turn @ fit.covariance @ turn.T
     tensor = Tensor(stiffness, covariance, half_width_factor(inflation, max(fit.dof, 1)), directions)
     posture = posture_error(stiffness, seen[0][0].motion.anchor, seen[0][0].markers.anchor_rms)
-    return require_positive(tensor.widened({"gain": tensor.scaled_error(gain_sd), "posture": posture}), "stiffness")
+    return _require_positive(tensor.widened({"gain": tensor.scaled_error(gain_sd), "posture": posture}))
 
 
 @dataclass(frozen=True)

@@ -203,7 +203,7 @@ class Armed(BeforeRecording, OpenState):
             context.write_message(note)
         context.write_event("sync_edge", f"{cause} at sample {sample_number}; recording")
         since_edge_ns = context.latest_device_ns - device_ns
-        context.write_loss(context.first_frame.set_edge(context.shortfall.last_sample_ns("/sync") - since_edge_ns))
+        context.write_loss(context.first_frame.set_edge(context.shortfall.last_sync_ns - since_edge_ns))
         return RecordingState(context, edge)
 
 
@@ -273,7 +273,7 @@ class RecordingState(RecordedState):
         duration_s = self.context.rules.duration_s
         if duration_s is None or (self.context.latest_device_ns - self.edge.device_ns) * 1e-9 < duration_s:
             return self
-        end_ns = self.context.shortfall.last_sample_ns("/sync")
+        end_ns = self.context.shortfall.last_sync_ns
         return self._close(Message(TrialCode.DURATION_REACHED, {"duration_s": duration_s}), end_ns)
 
     def tick(self) -> State:

@@ -117,9 +117,10 @@ class Shortfall:
         if samples.stream in self._clocks:
             self._reached_ns[samples.stream] = int(self._clocks[samples.stream].update(samples)[-1])
 
-    def last_sample_ns(self, stream: str) -> int:
-        """UTC [ns] of the last sample of a stream of the DAQ or the load cell; 0 before the first."""
-        return self._reached_ns[stream]
+    @property
+    def last_sync_ns(self) -> int:
+        """UTC [ns] of the last sample of the sync line; 0 before the first."""
+        return self._reached_ns["/sync"]
 
     def find_short_streams(self, end_ns: int, tolerance_s: float) -> list[tuple[Stream, float]]:
         """Streams of the DAQ and the load cell whose last sample precedes end_ns by more than tolerance_s [s]."""

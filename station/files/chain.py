@@ -15,7 +15,7 @@ from typing import Any
 
 from documents.message import Message, because
 from documents.plain_data import PlainDataError, read_json
-from fitting.cuffs.cuffs_file import CUFFS_FILE, CuffsFileError, read_cuffs
+from fitting.cuffs.cuffs_file import CUFFS_FILE, CuffsFileError, read_cuffs_document, wearable_cuffs
 from fitting.results.codes import Standing
 from recordings.errors import RecordingError
 from recordings.reader import survey_file
@@ -145,15 +145,16 @@ def _cuffs_links(sums: Checksums) -> Iterator[Link]:
     if not path.is_file():
         return
     try:
-        fits = read_cuffs(path)
+        document = read_cuffs_document(path)
     except CuffsFileError as error:
         yield Link(f"{CUFFS_FILE}, its content", Standing.CHANGED, str(error))
         return
+    fits = wearable_cuffs(document)
     for name, fit in fits.items():
         if fit.given:
             yield Link(f"{CUFFS_FILE}, cuff {name}", Standing.BY_HAND, ", ".join(fit.remarks))
     fitted = {name: sha256 for fit in fits.values() for name, sha256 in fit.sources.items()}
-    for name in _objects(path).get("recordings", {}):
+    for name in document.recordings:
         standing = sums.compare(name)[0]
         is_another = not standing.is_break and sums.sha256(name) != fitted.get(name, sums.sha256(name))
         yield Link(f"{CUFFS_FILE} ← {name}", Standing.CHANGED if is_another else standing)

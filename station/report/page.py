@@ -26,7 +26,7 @@ from documents.message import Message
 from documents.plain_data import read_json
 from documents.validation import refused_as
 from fitting.cuffs.cuff_fit import SessionFit
-from fitting.cuffs.cuffs_file import CUFFS_FILE, cuffs_document, read_cuffs, read_cuffs_document
+from fitting.cuffs.cuffs_file import CUFFS_FILE, cuffs_document, read_cuffs_document, wearable_cuffs
 from fitting.cuffs.wearable_cuff import QUANTITIES, UNITS, Cuff
 from fitting.results.codes import Standing
 from fitting.results.cuffs_schema import CuffsDocument
@@ -150,19 +150,19 @@ def read_results(folder: Path, fitted: SessionFit | None = None) -> Results:
     Raises ReportError without results, and the errors of the readers.
     """
     if fitted is not None:
-        cuffs = {name: fit.wearable() for name, fit in fitted.cuffs.items()}
+        document, cuffs = cuffs_document(fitted), {name: fit.wearable() for name, fit in fitted.cuffs.items()}
     else:
-        cuffs = read_cuffs(folder / CUFFS_FILE) if (folder / CUFFS_FILE).is_file() else {}
+        document = read_cuffs_document(folder / CUFFS_FILE) if (folder / CUFFS_FILE).is_file() else None
+        cuffs = wearable_cuffs(document) if document else {}
     path = folder / ASSESSMENT_FILE
     assessment = read_assessment(path) if path.is_file() else None
     emg = read_emg_document(folder / EMG_FILE) if (folder / EMG_FILE).is_file() else None
     if not cuffs and not assessment and not emg:
         raise ReportError(Message(FolderCode.NOTHING_TO_REPORT, {"folder": str(folder)}))
-    document = cuffs_document(fitted) if fitted else read_cuffs_document(folder / CUFFS_FILE) if cuffs else None
     return Results(
         folder,
         cuffs,
-        located(document, Source.of(CUFFS_FILE)) if document else None,
+        located(document, Source.of(CUFFS_FILE)) if document and cuffs else None,
         _read_optional(folder / TRUTH_FILE, _TRUTH) or {},
         located_assessment(assessment) if assessment else None,
         emg,

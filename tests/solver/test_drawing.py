@@ -95,8 +95,8 @@ def test_an_arc_lies_on_its_surface(
     if kind == "torus":
         ends = ((0.115, 0.0, 0.2), (0.115, 0.0, -0.2))  # round the inside of the tube
     points = tuple(PathPoint(surface.body, pose.rotation @ np.array(end) + pose.translation) for end in ends)
-    with_surface = replace(model, surfaces=(surface,), muscles=())
-    line = path_lines(with_surface, raised, [Path(points, (PathWrap(0, "hybrid"),))])[0][0]
+    muscle = replace(model.muscles[0], path=Path(points, (PathWrap(0, "hybrid"),)))
+    line = path_lines(replace(model, surfaces=(surface,), muscles=(muscle,)), raised)[0][0]
     level = levels(surface, raised, line)
     assert len(line) == 4 + ARC_POINTS
     assert level[1:-1] == pytest.approx(1.0, abs=1e-4), "OpenSim's tangent points of an ellipsoid are not exact"
