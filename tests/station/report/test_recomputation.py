@@ -73,11 +73,20 @@ def test_a_result_whose_every_hash_was_written_again_does_not_follow_from_the_sa
     assert link.detail.startswith("/cuffs/hand/stiffness_n_per_m/value ")
 
 
-def test_a_report_of_another_recording_does_not_follow_from_this_one(session: Path) -> None:
+def test_another_recording_is_no_source_and_a_sentence_that_an_older_station_worded_otherwise_breaks_nothing(
+    session: Path,
+) -> None:
     (session / STATIC).unlink()
     static_and_dynamic(4)[0].record(session / STATIC)
-    link = by_what(recomputed_links(session))["report.json ← fit of the recordings"]
+    path = session / "assessment.json"
+    plain = json.loads(path.read_text(encoding="utf-8"))
+    plain["findings"][0] = "An older station said so."
+    path.write_text(json.dumps(plain), encoding="utf-8")
+    links = by_what(recomputed_links(session))
+    link = links["report.json ← fit of the recordings"]
     assert link.code == NumberCode.RECOMPUTED and STIFFNESS in link.detail
+    link = links["assessment.json ← the model"]
+    assert link.standing == Standing.UNRECORDED and link.detail.endswith("/findings/0")
 
 
 def test_numbers_of_a_report_without_a_cuffs_file_follow_from_the_samples(session: Path) -> None:
@@ -121,15 +130,6 @@ def test_a_file_beside_the_recordings_that_cannot_be_used_is_refused(session: Pa
     (session / file).write_bytes(content)
     with raises_refusal(FolderCode.FILE_BESIDE_UNUSABLE, file, kind=ReportError):
         render(read_results(session))
-
-
-def test_a_sentence_that_an_older_station_worded_otherwise_is_named_and_breaks_nothing(session: Path) -> None:
-    path = session / "assessment.json"
-    plain = json.loads(path.read_text(encoding="utf-8"))
-    plain["findings"][0] = "An older station said so."
-    path.write_text(json.dumps(plain), encoding="utf-8")
-    link = by_what(recomputed_links(session))["assessment.json ← the model"]
-    assert link.standing == Standing.UNRECORDED and link.detail.endswith("/findings/0")
 
 
 def test_differences_are_named_by_their_json_pointer() -> None:
