@@ -446,10 +446,12 @@ def test_a_file_of_any_name_is_listed_as_by_sha256sum(tmp_path: Path, name: byte
     assert [link.what for link in verify_folder(tmp_path) if link.standing is CHANGED] == [os.fsdecode(name)]
 
 
-@pytest.mark.parametrize("name", ["", "../elsewhere", "/etc/passwd", "a/../../b", STATIC, 100_000 * "A", 3_000 * "A/"])
-def test_a_wrong_line_of_the_list_is_named(session: Path, station: Station, name: str) -> None:
-    with (session / CHECKSUMS_FILE).open("a") as file:
+@pytest.mark.parametrize(
+    "name", ["", "../elsewhere", "/etc/passwd", "a/../../b", JOURNAL_FILE, 100_000 * "A", 3_000 * "A/"]
+)
+def test_a_wrong_line_of_the_list_is_named(journal: Path, station: Station, name: str) -> None:
+    with (journal.parent / CHECKSUMS_FILE).open("a") as file:
         file.write(f"{'0' * 64}  {name}\n")
-    ran = station("verify", session, "--format", "json")
+    ran = station("verify", journal.parent, "--format", "json")
     broken = [link for link in json.loads(ran.out) if link["is_break"]]
     assert ran.code == 1 and [link["code"] for link in broken] == [ChainCode.LIST_LINE]
