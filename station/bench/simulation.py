@@ -37,7 +37,7 @@ NI_PORT = 31763
 QTM_PORT, DISCOVERY_PORT = 22223, 22226
 """Default ports of QTM, TCP and UDP."""
 LOOPBACK = ("127.0.0.1", "localhost")
-PROBE_TIMEOUT_S, END_TIMEOUT_S = 2.0, 5.0
+PROBE_TIMEOUT_S, END_TIMEOUT_S = 10.0, 5.0
 SWING_MARGIN_S = 6.0
 """Seconds beyond a swing for the guide to detect its begin and its end."""
 

@@ -49,8 +49,8 @@ from station.journal import Recorded, write_recorded
 from station.live.tap import live_views
 from station.protocol import TrialSpec
 
-RESULT_TIMEOUT_S = 2.0
-"""Wall seconds for a console that does not receive to take the result."""
+RESULT_TIMEOUT_S = 10.0
+"""Wall seconds for a console that does not receive to take the result: a busy computer holds it up for seconds."""
 REFRESH_S = 0.05
 RATE_REFRESHES = 60
 BACKLOG = 2000

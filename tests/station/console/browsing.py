@@ -79,7 +79,8 @@ def patience_ms(seconds: float = PATIENCE_S) -> float:
 def chromium(path: Path | str | None) -> Iterator[Browser]:
     expect.set_options(timeout=patience_ms())
     with sync_playwright() as playwright:
-        launched = playwright.chromium.launch(executable_path=path, args=["--no-sandbox"])
+        # Chromium kills its process for graphics after seconds without an answer, and then ends itself.
+        launched = playwright.chromium.launch(executable_path=path, args=["--no-sandbox", "--disable-gpu-watchdog"])
         yield launched
         launched.close()
 
