@@ -181,7 +181,7 @@ def _read_record(file: BinaryIO, offset: int, size: int, allowance: Allowance) -
     except Excess:
         raise
     except Exception as error:  # whatever a parser trips over, the bytes are not the record they should be
-        raise _BrokenError(f"the record here is damaged ({error})", read_up_to=end) from error
+        raise _BrokenError(f"the record here is damaged ({str(error) or 'it ends early'})", read_up_to=end) from error
 
 
 def _parse(opcode: int, body: bytes, allowance: Allowance) -> list[McapRecord]:

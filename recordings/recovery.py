@@ -14,7 +14,7 @@ from documents.interval import counted
 from documents.regular_file import draft_folder, replace_file, sync_file
 from recordings import topics
 from recordings.chunks import Damage, read_entries
-from recordings.contents import Contents, read_contents
+from recordings.contents import Contents, StreamContents, read_contents
 from recordings.errors import RecordingCode, RecordingError
 from recordings.reader import is_ours, survey_file
 from recordings.writer import keep_index_encoded, sync_folder
@@ -47,12 +47,17 @@ class RecoveryReport:
             *(str(damage) for damage in self.damage),
             *self.contents.missing,
             *(f"{gap.stream} lost samples {gap.first_missing} to {gap.first_missing + gap.count - 1}" for gap in gaps),
-            *(
-                f"{name} keeps {counted(kept.samples, 'sample')}, the last is number {kept.last_sample_number} "
-                f"at {kept.last_device_time_ns * 1e-9:.3f} s of its device's clock"
-                for name, kept in self.contents.streams.items()
-            ),
+            *(_kept(name, stream) for name, stream in self.contents.streams.items()),
         )
+
+
+def _kept(name: str, stream: StreamContents) -> str:
+    if not stream.samples:
+        return f"{name} keeps no sample"
+    return (
+        f"{name} keeps {counted(stream.samples, 'sample')}, the last is number {stream.last_sample_number} "
+        f"at {stream.last_device_time_ns * 1e-9:.3f} s of its device's clock"
+    )
 
 
 def recovered_path(path: Path) -> Path:

@@ -114,6 +114,16 @@ def test_the_damage_names_its_bytes(whole: Path, tmp_path: Path) -> None:
     assert str(damage[0]).startswith(f"damage at bytes {offsets[2]} to {offsets[3]}: the record here is damaged (")
 
 
+def test_a_record_that_ends_early_says_so(whole: Path, tmp_path: Path) -> None:
+    """MCAP's reader has no text for it. The length of a channel's topic is beyond its record."""
+    data = bytearray(whole.read_bytes())
+    at = data.rindex(b"/force")
+    data[at - 1] = 0x7F
+    path = tmp_path / "damaged.mcap"
+    path.write_bytes(data)
+    assert "()" not in str(_read(path)[1][0])
+
+
 def test_damage_that_costs_nothing_is_seen_and_nothing_is_lost(whole: Path, tmp_path: Path) -> None:
     """The index records between the chunks may be broken: they are not needed."""
     data, ends = bytearray(whole.read_bytes()), chunk_ends(whole)

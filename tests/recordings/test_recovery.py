@@ -119,6 +119,11 @@ def test_what_is_missing_is_listed_exactly(whole: Path, tmp_path: Path) -> None:
     assert expected in sentences
 
 
+def test_a_stream_of_which_nothing_is_left_has_no_last_sample(whole: Path, tmp_path: Path) -> None:
+    sentences = recover(_cut(whole, tmp_path, chunk_ends(whole)[0])).sentences()  # manifest and streams
+    assert {"/force keeps no sample", "/markers keeps no sample"} <= set(sentences)
+
+
 def test_recovering_again_changes_nothing(whole: Path, tmp_path: Path) -> None:
     cut = _cut(whole, tmp_path, whole.stat().st_size // 2)
     first = recover(cut)
