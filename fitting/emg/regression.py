@@ -33,8 +33,8 @@ mean in a trial of this length. With the centred a and the matrix M that removes
     β̂ ~ N(β, σ² aᵀV a / (aᵀa)²),   Ŝ / (σ² tr MV) ~ χ²_ν / ν,   ν = (tr MV)² / tr (MV)²   (Satterthwaite (1946))
 
 Noise and lag are drawn from their posterior, σ and β from these, which gives the interval of ρ. The size of slow noise
-may vary between movements, which one movement does not show. It does so with a probability of a half: in half of the
-draws with slow noise 1/ν is larger by 1/SIZE_FREEDOM (docs/emg.md).
+may vary between movements, which one movement does not show: 1/ν is larger by 1/DRIFT_FREEDOM under a gain drift, and
+by 1/SIZE_FREEDOM under other slow noise (docs/emg.md).
 """
 
 from __future__ import annotations
@@ -48,31 +48,39 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-WHITE_PARTS = (0.02, 0.1, 0.3, 0.6, 0.9)
+WHITE_PARTS = (0.02, 0.1, 0.3, 0.6, 1.0)
 """λ: part of the variance that is the envelope's own."""
 ORDERS = (0.5, 2.5)
 """ν of Matérn's correlation: exponential, and smooth."""
-CORRELATION_TIMES_S = (0.06, 0.12, 0.24, 0.5, 1.0, 2.0, 4.0)
-"""ℓ: from that of the smoothing to the duration of a movement."""
-PROPORTIONAL_PARTS = (0.0, 0.5, 0.95)
+CORRELATION_TIMES_S = (0.02, 0.12, 0.24, 0.5, 1.0, 2.0, 4.0)
+"""ℓ: from white noise to the duration of a movement."""
+PROPORTIONAL_PARTS = (0.0, 0.95)
 """κ: a disagreement that vanishes at rest would make the samples at rest decide the lag."""
 NOISES = tuple(product(WHITE_PARTS, ORDERS, CORRELATION_TIMES_S, PROPORTIONAL_PARTS))
 """λ, order, ℓ and κ."""
-PRIOR: Array = np.array([time**-0.5 for *_, time, _ in NOISES])
-"""Flat in √(1 − φ) for the autocorrelation φ of slow noise between two samples, 1 − φ ∝ 1/ℓ."""
+PRIOR: Array = np.array(
+    [
+        (time / CORRELATION_TIMES_S[0]) ** (-0.5 if (order, proportional) == (0.5, 0.0) else -2.0)
+        for _, order, time, proportional in NOISES
+    ]
+)
+"""Exponential noise of one size: flat in √(1 − φ) for the autocorrelation φ of slow noise between two samples,
+1 − φ ∝ 1/ℓ. Smooth or proportional noise shows in the residuals unless it is small, and its prior decreases faster."""
 REST = 0.05
 """Level of a muscle at rest over the range of its level; the offset of EMG is not known."""
 DRAWS = 4000
 SLOW_S = 0.24
 """Least ℓ of noise whose size may vary between movements; the noise of muscle and amplifier is faster."""
-IS_SLOW = np.array([time >= SLOW_S for *_, time, _ in NOISES])
-SIZE_FREEDOM = 8.0
-"""Degrees of freedom of a size that varies: a coefficient of variation of 50 % of σ²."""
+IS_SLOW = np.array([time >= SLOW_S and white < 1.0 for white, _, time, _ in NOISES])
+SIZE_FREEDOM = 40.0
+"""Degrees of freedom of a size that varies: a coefficient of variation of 22 % of σ²."""
 IS_GAIN_DRIFT = IS_SLOW & np.array([proportional == PROPORTIONAL_PARTS[-1] for *_, proportional in NOISES])
 ROUGH_COVARIANCE: Array = np.diag([1.0, 0.0, 0.0])
 """Of the state of noise with an exponential correlation, which has no derivatives."""
-DRIFT_FREEDOM = 10.0
-"""Chosen on 300 simulated pairs under gain drift, and judged on others (docs/emg.md)."""
+DRIFT_FREEDOM = 6.0
+"""Chosen with PRIOR and SIZE_FREEDOM on 200 to 300 simulated pairs of each noise, judged on others (docs/emg.md)."""
+FINER = 20
+"""Quantiles of the lag are found on a grid finer by this factor: an interval may be as narrow as two of its steps."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,8 +92,10 @@ class EmgLagPosterior:
 
     def quantiles(self, levels: tuple[float, ...]) -> Array:
         """Quantiles of the lag [s]."""
-        over_lags = self.weight.sum(axis=0)
-        return np.interp(levels, np.cumsum(over_lags) - 0.5 * over_lags, self.lags)
+        logs = np.log(np.maximum(self.weight.sum(axis=0), np.finfo(float).tiny))
+        lags = np.linspace(self.lags[0], self.lags[-1], FINER * (len(self.lags) - 1) + 1)
+        density = np.exp(scipy.interpolate.CubicSpline(self.lags, logs)(lags))
+        return np.interp(levels, (np.cumsum(density) - 0.5 * density) / density.sum(), lags)
 
 
 def lag_posterior(measured: Array, shifted: Array, lags: Array, interval: float) -> EmgLagPosterior:
@@ -125,8 +135,7 @@ def correlation_interval(
     noise, lag = np.unravel_index(random.choice(weight.size, DRAWS, p=weight.ravel()), weight.shape)
     variances = _variances(shifted[place])
     trace, freedom, slope_variance, within = _moments(centred[place], variances, interval)[:, noise]
-    varies = IS_SLOW[noise] & (random.random(DRAWS) < 0.5)
-    freedom = 1 / (1 / freedom + varies / SIZE_FREEDOM)
+    freedom = 1 / (1 / freedom + np.where(IS_GAIN_DRIFT, 1 / DRIFT_FREEDOM, IS_SLOW / SIZE_FREEDOM)[noise])
     variance = _squares(measured, shifted)[lag] / trace * freedom / random.chisquare(freedom)
     slopes = (centred @ measured / square)[lag] + random.standard_normal(DRAWS) * np.sqrt(variance * slope_variance)
     explained = slopes * np.sqrt(square[lag] / len(measured))

@@ -1,7 +1,7 @@
 """Shape of EMG beside a model's activation: lag, and correlation at the lag, with 95 % intervals.
 
 The gain and the baseline of EMG are not known, and no result depends on them. Both curves are smoothed by the same
-filter and sampled at 1.25 times its bandwidth, where the autocorrelation due to the filter is small;
+filter and sampled at 1.6 times its bandwidth, where the autocorrelation due to the filter is small;
 fitting/emg/regression.py models what remains.
 """
 
@@ -23,8 +23,9 @@ Array = NDArray[np.float64]
 MAX_LAG_S = 0.5
 """Electromechanical delays are 0.03 to 0.1 s; a lag above half a second belongs to another movement."""
 LAGS = 101
-SAMPLES_PER_BANDWIDTH = 1.25
-FEWEST_SAMPLES = 12
+SAMPLES_PER_BANDWIDTH = 1.6
+"""White noise behind the low-pass is then white within 5 % at all frequencies, aliases included."""
+FEWEST_SAMPLES = 15
 LEAST_ACTIVATION = 0.01
 """Smallest change of an activation that has a shape; solvers leave less in a muscle at rest."""
 RATE_HZ = 100.0
