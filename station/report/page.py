@@ -149,11 +149,11 @@ def read_results(folder: Path, fitted: SessionFit | None = None) -> Results:
 
     Raises ReportError without results, and the errors of the readers.
     """
+    path = folder / CUFFS_FILE
+    document = cuffs_document(fitted) if fitted else read_cuffs_document(path) if path.is_file() else None
+    cuffs = wearable_cuffs(document) if document else {}
     if fitted is not None:
-        document, cuffs = cuffs_document(fitted), {name: fit.wearable() for name, fit in fitted.cuffs.items()}
-    else:
-        document = read_cuffs_document(folder / CUFFS_FILE) if (folder / CUFFS_FILE).is_file() else None
-        cuffs = wearable_cuffs(document) if document else {}
+        cuffs = {name: fit.wearable() for name, fit in fitted.cuffs.items()}
     path = folder / ASSESSMENT_FILE
     assessment = read_assessment(path) if path.is_file() else None
     emg = read_emg_document(folder / EMG_FILE) if (folder / EMG_FILE).is_file() else None
