@@ -302,6 +302,9 @@ def test_another_outlet_after_an_outage_is_refused(monkeypatch: pytest.MonkeyPat
         device.resume()
 
 
-def test_the_driver_loads_no_vendor_package_before_it_is_opened() -> None:
-    code = "import sys, drivers.lsl; drivers.lsl.LslEmg(stream='a', host_clock=int); sys.exit('pylsl' in sys.modules)"
+def test_the_drivers_load_no_vendor_package_before_they_are_opened() -> None:
+    code = (
+        "import sys, drivers.lsl, drivers.nidaq; drivers.lsl.LslEmg(stream='a', host_clock=int)\n"
+        "sys.exit(bool({'pylsl', 'nidaqmx', 'grpc'} & sys.modules.keys()))"
+    )
     assert subprocess.run([sys.executable, "-c", code], cwd=ROOT, check=False).returncode == 0  # noqa: S603
