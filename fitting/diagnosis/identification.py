@@ -265,15 +265,20 @@ def _stopped_static(pull: Pull) -> Note | None:
         return None
     added, removed = step
     figures: Figures = {"file": trial.file, "repeat": trial.repeat, "total": planned}
-    if added < planned:
-        is_hidden = _hides_load(pull, g * trial.step_masses[added])
-        code = NoteCode.HIDDEN_LOADS if is_hidden else NoteCode.STOPPED_LOADING
-        return Note(code, {**figures, "count": added})
-    return Note(NoteCode.STOPPED_UNLOADING, {**figures, "count": removed}) if removed < planned else None
+    stopped = NoteCode.STOPPED_LOADING if added < planned else NoteCode.STOPPED_UNLOADING
+    count = added if added < planned else removed
+    if count == planned:
+        return None
+    code = NoteCode.HIDDEN_LOADS if _misses_load(pull, g * trial.step_masses[min(added, planned - 1)]) else stopped
+    return Note(code, {**figures, "count": count})
 
 
-def _hides_load(pull: Pull, weight: float) -> bool:
-    """Whether the cuff is hidden as long as a hold while the force is above all held loads by half a weight [N]."""
+def _misses_load(pull: Pull, weight: float) -> bool:
+    """Whether force or markers end as much as a hold before the other, or the cuff is hidden for as long while the
+    force is above all held loads by half a weight [N].
+    """
+    if abs(pull.force_time[-1] - pull.marker_time[-1]) > MIN_HOLD:
+        return True
     hidden = pull.marker_time[np.isnan(pull.displacement)]
     loads = [plateau.force for plateau in pull.plateaus]
     is_above = np.interp(hidden, pull.force_time, pull.force) > max(loads, default=math.inf) + weight / 2

@@ -227,8 +227,8 @@ class NoteCode(Code):
     )
     HIDDEN_LOADS = (
         "note.hidden_loads",
-        "static, repeat {repeat:.0f}: {count:.0f} of {total:weight} can be used, because the markers are hidden while "
-        "more is held; record it again in the view of the cameras",
+        "static, repeat {repeat:.0f}: force or markers are missing while loads are held; check the load cell and the "
+        "view of the cameras, and record it again",
     )
     STOPPED_UNLOADING = (
         "note.stopped_unloading",

@@ -142,8 +142,8 @@ class ReasonCode(Code):
     )
     LOADS_HIDDEN = (
         "reason.loads_hidden",
-        "{found:.0f} of {planned:weight} can be used, because the markers are hidden while more is held; redo the "
-        "trial in the view of the cameras",
+        "force or markers are missing while loads are held; check the load cell and the view of the cameras, and redo "
+        "the trial",
     )
     UNLOADING_MISSING = (
         "reason.unloading_missing",

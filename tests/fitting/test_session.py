@@ -227,6 +227,15 @@ def test_loads_under_which_the_markers_are_hidden_are_no_loads_that_were_not_hun
     assert str(note) in fit.verdict
 
 
+@pytest.mark.parametrize("ends", ["force", "marker"])
+def test_a_stream_that_ends_early_is_no_trial_that_ended_early(ends: str) -> None:
+    static, dynamic = _donning("hand")[0]
+    planned = replace(static, step_masses=tuple(weight / 9.80665 for weight in (15.0,) * 5))
+    other = {"force": ("marker_time", "markers"), "marker": ("force_time", "force")}[ends]
+    fit = _fit([replace(_cut(planned, 18.0), **{name: getattr(planned, name) for name in other}), dynamic])
+    assert [note.code for note in fit.notes if note.code in EXPLAINED_BY] == [NoteCode.HIDDEN_LOADS]
+
+
 def test_a_line_across_hidden_frames_is_no_law_of_the_cuff() -> None:
     """The cuff slips, within the gap by 5 mm; Coulomb friction would leave the damping unidentified."""
     static, dynamic = _donning("hand")[0]
