@@ -274,10 +274,11 @@ def _stopped_static(pull: Pull) -> Note | None:
 
 
 def _misses_load(pull: Pull, weight: float) -> bool:
-    """Whether force or markers end as much as a hold before the other, or the cuff is hidden for as long while the
+    """Whether force or markers end as much as a hold before the capture, or the cuff is hidden for as long while the
     force is above all held loads by half a weight [N].
     """
-    if abs(pull.force_time[-1] - pull.marker_time[-1]) > MIN_HOLD:
+    end = min(pull.force_time[-1], pull.marker_time[-1])
+    if pull.trial.sync_fall is not None and pull.trial.sync_fall - end > MIN_HOLD:
         return True
     hidden = pull.marker_time[np.isnan(pull.displacement)]
     loads = [plateau.force for plateau in pull.plateaus]

@@ -227,12 +227,12 @@ def test_loads_under_which_the_markers_are_hidden_are_no_loads_that_were_not_hun
     assert str(note) in fit.verdict
 
 
-@pytest.mark.parametrize("ends", ["force", "marker"])
-def test_a_stream_that_ends_early_is_no_trial_that_ended_early(ends: str) -> None:
+@pytest.mark.parametrize("end_s", [18.0, 36.0])
+def test_a_stream_that_ends_before_the_capture_is_no_trial_that_ended_early(end_s: float) -> None:
+    """The sync line falls when the capture ends: there, too, all weights were on, or off again."""
     static, dynamic = _donning("hand")[0]
     planned = replace(static, step_masses=tuple(weight / 9.80665 for weight in (15.0,) * 5))
-    other = {"force": ("marker_time", "markers"), "marker": ("force_time", "force")}[ends]
-    fit = _fit([replace(_cut(planned, 18.0), **{name: getattr(planned, name) for name in other}), dynamic])
+    fit = _fit([replace(_cut(planned, end_s), sync_fall=43.0), dynamic])
     assert [note.code for note in fit.notes if note.code in EXPLAINED_BY] == [NoteCode.HIDDEN_LOADS]
 
 
@@ -377,4 +377,5 @@ def _cut(trial: Trial, end: float) -> Trial:
         force=trial.force[in_force],
         marker_time=trial.marker_time[in_frames],
         markers=trial.markers[in_frames],
+        sync_fall=end,
     )
