@@ -386,8 +386,8 @@ def sample_pull(pull: Pull, held: Sequence[Plateau], swing: Oscillation | None) 
     is_held = swing is None
     longest = 2 * ((len(filled) - 1) // 2) + 1  # for a short record
     window = max(5, min(longest, 2 * round((HELD_WINDOW if is_held else SWING_WINDOW) / frame / 2) + 1))
-    gaps = scipy.ndimage.binary_opening(~seen, np.ones(window // 2))
-    in_gap = scipy.ndimage.binary_dilation(gaps, np.ones(window)).astype(float)  # also the frames smoothed over a gap
+    gaps = scipy.ndimage.binary_opening(~seen, np.ones(window // 2, bool))
+    smoothed_over = scipy.ndimage.binary_dilation(gaps, np.ones(window, bool)).astype(float)
     smooth = scipy.signal.savgol_filter(filled, window, 0 if is_held else 2)
     speed = scipy.signal.savgol_filter(filled, window, 2, deriv=1, delta=frame)
     step = max(STEP, float(np.median(np.diff(pull.force_time))))
@@ -406,7 +406,7 @@ def sample_pull(pull: Pull, held: Sequence[Plateau], swing: Oscillation | None) 
         lag_sd=0.0 if swing is None else _lag_sd(pull, swing),
         displacement=np.interp(time, pull.marker_time, smooth),
         velocity=np.interp(time, pull.marker_time, speed),
-        kept=_kept(time, held, swing) & (np.interp(time, pull.marker_time, in_gap) == 0),
+        kept=_kept(time, held, swing) & (np.interp(time, pull.marker_time, smoothed_over) == 0),
         is_held=is_held,
         repeat=pull.trial.repeat,
         play=(HELD_PLAY if is_held else SWING_PLAY) * _noise_left(filled - smooth, window, 0 if is_held else 2),

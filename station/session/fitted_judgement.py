@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from documents.interval import bracketed, rounded, significant_decimals
-from documents.message import Message, because
+from documents.message import Code, Message, because
 from fitting.cuffs.cuff_fit import SLIPPED, CuffFit, SessionFit, TrialFit, find_outliers, has_slipped
 from fitting.cuffs.wearable_cuff import QUANTITIES
 from fitting.diagnosis.identification import FittedPull
@@ -46,7 +46,7 @@ from station.session.guide import Cue, guide_for
 from station.session.judgement import MISSING, Judgement, Reason, Row, TrialQuantity, notes_at_the_bench
 
 NO_RESULT = {"static": ReasonCode.NO_STATIC_RESULT, "dynamic": ReasonCode.NO_DYNAMIC_RESULT}
-LOADS_MISSING = {
+LOADS_MISSING: Mapping[Code, ReasonCode] = {
     NoteCode.STOPPED_LOADING: ReasonCode.WEIGHTS_MISSING,
     NoteCode.HIDDEN_LOADS: ReasonCode.LOADS_HIDDEN,
     NoteCode.STOPPED_UNLOADING: ReasonCode.UNLOADING_MISSING,
