@@ -32,9 +32,8 @@ RATE, MODEL_RATE = 1000.0, 100.0
 BAND = signal.butter(2, (40.0, 200.0), "bandpass", fs=RATE, output="sos")
 UNIT_RATE = 400.0
 """Discharges a second of all motor units together at the peak."""
-REPEATS, FAST_REPEATS = 25, 8
-"""EMG of the same movement from which the true correlation is computed. A movement averages fast noise: eight have a
-standard error of 0.001 to 0.003, a tenth of the interval's half-width (15 pairs of each noise)."""
+REPEATS = 25
+"""EMG of the same movement from which the true correlation is computed: a fifth of the standard error of one."""
 FAST: tuple[Noise, ...] = ("none", "amplifier", "few motor units")
 
 
@@ -71,8 +70,7 @@ def emg_pair(noise: Noise, settings: EnvelopeSettings, number: int) -> EmgPair:
     lag, duration = random.uniform(-0.25, 0.25), random.uniform(8.0, 16.0)
     level = _movement(number % 3, duration, random)
     time = np.arange(int(duration * MODEL_RATE)) / MODEL_RATE
-    repeats = FAST_REPEATS if noise in FAST else REPEATS
-    raw = _noisy_emg(noise, level(np.arange(int(duration * RATE)) / RATE - lag), random, 1 + repeats)
+    raw = _noisy_emg(noise, level(np.arange(int(duration * RATE)) / RATE - lag), random, 1 + REPEATS)
     envelopes = emg_envelope(raw, RATE, settings)[:: int(RATE / MODEL_RATE)][: len(time)]
     inner = slice(int(0.5 * MODEL_RATE), -int(0.5 * MODEL_RATE))
     smoothed = smooth(level(time), MODEL_RATE, settings.bandwidth)

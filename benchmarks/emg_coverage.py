@@ -1,0 +1,24 @@
+"""Share of simulated pairs whose 95 % intervals contain the true lag and the true correlation (docs/emg.md).
+
+python -m benchmarks.emg_coverage [--pairs 500] [--first 40000]
+"""
+
+import argparse
+
+import numpy as np
+
+from fitting.emg.envelopes import EnvelopeSettings
+from tests.fitting.emg.simulated import NOISES, compare_pair, emg_pair
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--pairs", type=int, default=500)
+    parser.add_argument("--first", type=int, default=40000, help="seed of the first pair of each noise")
+    options, settings = parser.parse_args(), EnvelopeSettings()
+    seeds = range(options.first, options.first + options.pairs)
+    print("| noise | lag covered % | correlation covered % | lag identified % | median width [ms] |")
+    print("|---|---:|---:|---:|---:|")
+    for noise in NOISES:
+        pairs = np.array([compare_pair(emg_pair(noise, settings, seed), settings) for seed in seeds], dtype=float)
+        known, lag, _, rho = (f"{100 * share:.1f}" for share in pairs.mean(axis=0))
+        print(f"| {noise} | {lag} | {rho} | {known} | {1000 * np.median(pairs[:, 2]):.0f} |", flush=True)
