@@ -118,7 +118,7 @@ class SessionClaim:
 class DaqSession:
     """Creates tasks on one device; target None is the local NI-DAQmx, which ends the tasks of a dead program itself.
 
-    Every call to a server ends within deadline_s wall seconds, as they are when it begins. Methods raise the errors of
+    Every call to a server ends within deadline_s wall seconds, the value when it begins. Methods raise the errors of
     nidaqmx and grpc, and DeviceUnavailable.
     """
 

@@ -22,7 +22,7 @@ from recordings.reader import read_manifest
 from station.checksums import check_hash, write_checksums, write_whole
 from station.errors import StationError
 from station.exit_code import LOSSY
-from station.folders import ensure_is_folder
+from station.folders import require_folder
 from station.journal import Assignment, Journal, read_journal
 from station.messages.setup_messages import FolderCode
 from station.progress import Progress, silent
@@ -49,7 +49,7 @@ def fit_session_folder(
 
     Raises SessionError if no trial can be used.
     """
-    ensure_is_folder(folder, SessionError)
+    require_folder(folder, SessionError)
     paths = pulls_in(folder)
     if not paths:
         raise SessionError(Message(FolderCode.NO_RECORDING, {"folder": str(folder)}))

@@ -13,7 +13,7 @@ from station.messages.assessment_messages import InputCode
 from station.messages.setup_messages import FolderCode
 
 
-def ensure_is_folder(folder: Path, refusal: Callable[[Message[Any]], Exception]) -> None:
+def require_folder(folder: Path, refusal: Callable[[Message[Any]], Exception]) -> None:
     """Raise the refusal for a path that is no folder."""
     if not folder.is_dir():
         raise refusal(Message(FolderCode.NOT_A_FOLDER, {"folder": str(folder)}))

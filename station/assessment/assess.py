@@ -26,9 +26,9 @@ from station.assessment.assessment_file import FORMAT, AssessmentDocument
 from station.assessment.assessment_inputs import (
     AssessmentInputs,
     InputError,
-    check_cuffs_file,
     cuff_findings,
     cuff_remarks,
+    cuffs_file_standing,
     read_cuffs_to_wear,
     worn_cuffs,
 )
@@ -143,7 +143,7 @@ def assess_cuffs(
         progress=progress,
     )
     fits = tuple(cuffs[cuff.name] for cuff in worn)
-    standing = check_cuffs_file(inputs.cuffs, fits)
+    standing = cuffs_file_standing(inputs.cuffs, fits)
     drawn_people = None
     if people is not None:
         spread = None if donning is None else donning.spread

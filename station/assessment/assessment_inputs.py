@@ -165,8 +165,8 @@ class AssessmentInputs:
         return named_hashes(self.model, self.motion, self.external_loads) | named | {"paths": self.paths}
 
 
-def check_cuffs_file(path: Path, cuffs: Iterable[Cuff]) -> Standing:
-    """Check of the file against its recorded hash; of a file without one, whether figures are given by hand."""
+def cuffs_file_standing(path: Path, cuffs: Iterable[Cuff]) -> Standing:
+    """The file against its recorded hash; of a file without one, whether figures are given by hand."""
     standing = check_hash(path)
     is_by_hand = standing is Standing.UNRECORDED and any(cuff.given for cuff in cuffs)
     return Standing.BY_HAND if is_by_hand else standing

@@ -149,7 +149,7 @@ def solve_muscles(
 
 def solve_and_check(
     motion: LoadedMotion,
-    whole: Model,
+    full_model: Model,
     left_out: Sequence[str] = (),
     progress: Progress = silent,
     *,
@@ -157,7 +157,7 @@ def solve_and_check(
 ) -> SolvedMotion:
     """Solve every frame, and find what limits the solution; without notes.
 
-    left_out: forces of the whole model that that of the motion lacks
+    left_out: names of forces of full_model that motion.model lacks
     """
     model, kinematics, options = motion.model, motion.kinematics, motion.options
     solution = solve_motion(
@@ -168,7 +168,7 @@ def solve_and_check(
         model,
         options,
         solution,
-        left_out=filter_effect(whole, left_out, kinematics, solution, shares),
+        left_out=filter_effect(full_model, left_out, kinematics, solution, shares),
         large_reserves=large_reserves(model, options, shares),
         large_residuals=large_residuals(model, options, shares, has_external_loads=has_external_loads),
         slack_muscles=slack_muscles(model, kinematics, options.path_mode),

@@ -30,7 +30,7 @@ from fitting.cuffs.wearable_cuff import QUANTITIES
 from fitting.results.cuffs_schema import CuffEntry, CuffsDocument, TrialEntry
 from station.checksums import JOURNAL_FILE, Checksums, drafted, list_in_session, sha256_of, write_whole
 from station.errors import StationError
-from station.folders import ensure_is_folder
+from station.folders import require_folder
 from station.journal import Journal, JournalError, read_journal
 from station.messages.study_messages import CatalogueCode
 from station.progress import Progress, silent
@@ -109,7 +109,7 @@ class Indexed:
 
 def update_catalogue(folder: Path, path: Path, progress: Progress = silent, *, is_rebuilt: bool = False) -> Indexed:
     """Bring the catalogue at `path` up to date with the sessions below the folder. Raises CatalogueError."""
-    ensure_is_folder(folder, CatalogueError)
+    require_folder(folder, CatalogueError)
     participants = _participants(folder)
     found = _sessions_below(folder)
     with _opened(path, is_rebuilt=is_rebuilt) as connection:

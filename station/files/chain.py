@@ -32,7 +32,7 @@ from station.checksums import (
     write_checksums,
 )
 from station.errors import StationError
-from station.folders import ensure_is_folder
+from station.folders import require_folder
 from station.messages.file_messages import ChainCode
 from station.recordings_of_session import recordings_in
 from station.sources import without_hash
@@ -75,7 +75,7 @@ def verify_folder(folder: Path) -> list[Link]:
 
     Raises ChainError for a folder without files to verify, or with a pipe or device under the name of one of them.
     """
-    ensure_is_folder(folder, ChainError)
+    require_folder(folder, ChainError)
     for name in (CHECKSUMS_FILE, *_RESULTS, JOURNAL_FILE, *Checksums(folder).sums):  # a pipe would wait for its writer
         if (folder / name).exists() and not (folder / name).is_file():
             raise ChainError(Message(ChainCode.NOT_REGULAR, {"path": str(folder / name)}))

@@ -43,9 +43,9 @@ class ConfigCode(Code):
 
 
 class FolderCode(Code):
-    """Reason why a session folder cannot be fitted or recorded into."""
+    """Reason why a folder that a command reads cannot be used."""
 
-    NOT_A_FOLDER = "session.not_a_folder", "{folder} is not a folder; give one, as a session folder of `station record`"
+    NOT_A_FOLDER = "session.not_a_folder", "{folder} is not a folder; `--help` says which one to give"
     NO_RECORDING = "session.no_recording", "{folder} contains no recording of a cuff (*.mcap); record a trial first"
     NOT_USABLE = "session.not_usable", "no recording in {folder} can be used: {reasons}"
     DAMAGED = "session.damaged", "no recording in {folder} can be used; damaged: {files}: {reasons}"

@@ -16,7 +16,7 @@ from fitting.study.cuff_study import Observation
 from recordings.manifest import DataOrigin
 from station.checksums import JOURNAL_FILE, sha256_of
 from station.errors import StationError
-from station.folders import ensure_is_folder
+from station.folders import require_folder
 from station.journal import JournalError, read_journal
 from station.messages.study_messages import StudyCode
 from station.progress import Progress, silent
@@ -56,7 +56,7 @@ def session_folders(folders: Sequence[Path]) -> list[Path]:
     """Folders that are sessions, and the sessions below the others. Raises StudyError for a path that is no folder."""
     found: dict[Path, Path] = {}
     for folder in folders:
-        ensure_is_folder(folder, StudyError)
+        require_folder(folder, StudyError)
         for session in [folder] if _is_session(folder) else sorted(_below(folder)):
             found.setdefault(session.resolve(), session)
     return list(found.values())

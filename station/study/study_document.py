@@ -14,7 +14,7 @@ from itertools import combinations
 from pathlib import Path
 from typing import Literal, get_args
 
-from pydantic import Field
+from pydantic import ConfigDict, Field
 
 from documents.interval import between, bracketed, shown
 from documents.message import Message
@@ -71,6 +71,8 @@ class LeftOutEntry(FiniteSection):
 
 class StudyDocument(FiniteSection):
     """study.json: variance components, reliability and comparison of cuffs over volunteers, in SI."""
+
+    model_config = ConfigDict(revalidate_instances="always")  # also of what the analysis fills
 
     format: Literal[1]
     origin: DataOrigin

@@ -49,7 +49,7 @@ from solver.redundancy.problem import FrameOutcome
 from station.assessment.given_motion import motion_checks, motion_findings
 from station.checksums import write_whole
 from station.errors import StationError
-from station.folders import ensure_is_folder
+from station.folders import require_folder
 from station.messages.assessment_messages import AssessmentCode
 from station.messages.study_messages import ValidationCode
 from station.progress import Progress, silent
@@ -313,7 +313,7 @@ class MeasuredLift:
 
 def find_lifts(folder: Path) -> list[str]:
     """Names of the lifts in a folder, in alphabetical order. Raises ValidationFileError where there is none."""
-    ensure_is_folder(folder, ValidationFileError)
+    require_folder(folder, ValidationFileError)
     names = sorted(path.name.removesuffix(MODEL) for path in folder.glob(f"*{MODEL}"))
     if not names:
         raise ValidationFileError(Message(ValidationCode.NO_LIFT, {"path": str(folder)}))

@@ -195,12 +195,12 @@ def report(
 
     from fitting.results.codes import Standing
     from station.files.chain import trace_chain
-    from station.folders import ensure_is_folder
+    from station.folders import require_folder
     from station.progress import progress_bars
     from station.report.cuff_section import adopt_normative
     from station.report.page import ReportError, ensure_pdf, write_pdf, write_report
 
-    ensure_is_folder(folder, ReportError)
+    require_folder(folder, ReportError)
     if format == "pdf":
         ensure_pdf()
     if normative is not None:

@@ -321,8 +321,8 @@ class RerunLog(BackgroundView):
 
 
 class DeviceTimes:
-    """Clocks of the streams by arrival until the sync edge, which fixes that of the DAQ; the first frame of the capture
-    is aligned with the edge.
+    """Clock offset of each stream from arrival times; the sync edge fixes that of the DAQ, and the first frame of the
+    capture is aligned with the edge.
     """
 
     def __init__(self) -> None:

@@ -142,9 +142,7 @@ def test_an_earlier_trial_that_ended_early_leads_the_doubts_of_a_later_one(
     itself = judge_recording(session, STATIC)
     assert itself.reasons == (Message(ReasonCode.WEIGHTS_MISSING, {"found": 3, "planned": 5}),)
     assert (itself.advice, itself.doubts) == ("redo", ())
-    hidden = replace(note, code=NoteCode.HIDDEN_LOADS)
-    seen = replace(fitted, donnings={"hand": {cuff.donning: replace(cuff, notes=(hidden,))}})
-    monkeypatch.setattr(FIT, lambda *_: seen)
+    refit(verdicts=verdicts, notes=(replace(note, code=NoteCode.HIDDEN_LOADS),))
     assert [reason.code for reason in judge_recording(session, STATIC).reasons] == [ReasonCode.LOADS_HIDDEN]
 
 

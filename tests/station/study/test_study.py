@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import json
+import math
 import re
 import shutil
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -58,6 +60,12 @@ def test_a_migration_is_one_value_of_a_donning_so_that_repeats_are_in_the_donnin
     assert migration.repeats == 1
     assert migration.components["repeat"].outcome is ComponentOutcome.CONFOUNDED
     assert migration.components["repeat"].confounded_with == ("donning",)
+
+
+def test_a_figure_that_is_not_finite_is_refused_by_the_document(document: StudyDocument) -> None:
+    broken = replace(document.cuffs["tube"]["stiffness"], noise_sd=math.nan)
+    with pytest.raises(ValidationError, match="finite"):
+        StudyDocument(**{**dict(document), "cuffs": {"tube": {"stiffness": broken}}})
 
 
 def test_the_cuffs_differ_over_volunteers_by_what_they_were_drawn_with(document: StudyDocument) -> None:
