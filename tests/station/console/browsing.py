@@ -20,10 +20,18 @@ PATIENCE_S = 120.0
 AXE = Path.home() / ".cache" / "cuffstation" / "axe" / "node_modules" / "axe-core" / "axe.min.js"
 needs_axe = pytest.mark.skipif(not AXE.is_file(), reason="axe-core is not installed here; .ci/run installs it with npm")
 SERIOUS = """
-async () => (await axe.run(document, { resultTypes: ["violations"] })).violations
-    .filter(({ impact }) => ["serious", "critical"].includes(impact))
-    .flatMap(({ id, nodes }) => nodes.map(({ target, failureSummary }) => `${id}: ${target} ${failureSummary}`))
+async () => {
+    const isOld = () => document.body.classList.contains("old-data");
+    let wasOld = isOld();
+    const watch = new MutationObserver(() => { wasOld ||= isOld(); });
+    watch.observe(document.body, { attributes: true });
+    const { violations } = await axe.run(document, { resultTypes: ["violations"] });
+    watch.disconnect();
+    return wasOld ? null : violations.filter(({ impact }) => ["serious", "critical"].includes(impact))
+        .flatMap(({ id, nodes }) => nodes.map(({ target, failureSummary }) => `${id}: ${target} ${failureSummary}`));
+}
 """
+"""Null while the page shows old data, which are faded: a busy machine may deliver none for seconds."""
 PATIENT = """
 (() => {
     const ask = window.fetch;
@@ -37,6 +45,7 @@ PATIENT = """
 """No request for the console's heartbeat is given up, and the lines that change during a trial are kept."""
 UNREADABLE = """
 () => {
+    if (document.body.classList.contains("old-data")) return null;
     const parts = colour => (colour.match(/[\\d.]+/g) || []).map(Number);
     const over = (top, below) => {
         const alpha = top.length > 3 ? top[3] : 1;
@@ -203,7 +212,11 @@ def serious_faults(page: Page) -> list[str]:
     """Serious and critical violations on the page as it is now."""
     if not page.evaluate("'axe' in window"):
         page.add_script_tag(path=AXE)
-    return list(page.evaluate(SERIOUS))
+    faults = None
+    while faults is None:
+        page.wait_for_function("!document.body.classList.contains('old-data')")
+        faults = page.evaluate(SERIOUS)
+    return list(faults)
 
 
 # Whether every word on a page can be read: its contrast, as the W3C's guidelines define it (WCAG 2.2, 1.4.3).
@@ -216,6 +229,6 @@ def unreadable(page: Page) -> list[str]:
     for scheme in ("light", "dark"):
         page.emulate_media(color_scheme=scheme)  # type: ignore[arg-type]
         page.wait_for_function("dark => document.body.classList.contains('body--dark') === dark", arg=scheme == "dark")
-        found += [f"{scheme}: {words}" for words in page.evaluate(UNREADABLE)]
+        found += [f"{scheme}: {words}" for words in page.wait_for_function(UNREADABLE).json_value()]
     page.emulate_media(color_scheme="light")
     return found
