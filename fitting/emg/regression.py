@@ -72,8 +72,8 @@ DRAWS = 4000
 SLOW_S = 0.24
 """Least ℓ of noise whose size may vary between movements; the noise of muscle and amplifier is faster."""
 IS_SLOW = np.array([time >= SLOW_S and white < 1.0 for white, _, time, _ in NOISES])
-SIZE_FREEDOM = 40.0
-"""Degrees of freedom of a size that varies: a coefficient of variation of 22 % of σ²."""
+SIZE_FREEDOM = 24.0
+"""Degrees of freedom of a size that varies: a coefficient of variation of 29 % of σ²."""
 IS_GAIN_DRIFT = IS_SLOW & np.array([proportional == PROPORTIONAL_PARTS[-1] for *_, proportional in NOISES])
 ROUGH_COVARIANCE: Array = np.diag([1.0, 0.0, 0.0])
 """Of the state of noise with an exponential correlation, which has no derivatives."""

@@ -157,6 +157,6 @@ def test_the_size_of_slow_noise_alone_varies_between_movements(time: float) -> N
     slope = model @ measured / 200
     chi_square = ((measured - measured.mean() - slope * model) ** 2).sum() / trace
     chi_square *= within / slope**2 / (1 / ends**2 - 1)  # ν times the estimated size over that at the ends of ρ
-    nu = 1 / (1 / freedom + 1 / 40) if time > 1 else freedom
+    nu = 1 / (1 / freedom + 1 / 24) if time > 1 else freedom
     found = stats.chi2.cdf(nu * chi_square, nu)
     np.testing.assert_allclose(found, (0.025, 0.975), atol=0.0075)  # three standard errors of 4000 draws

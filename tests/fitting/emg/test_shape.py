@@ -123,7 +123,7 @@ def test_intervals_cover_the_truth_over_fast_and_slow_noise(bandwidth: float) ->
 @pytest.mark.slow
 @pytest.mark.timeout(900)
 def test_intervals_cover_the_truth_over_noise_that_does_not_follow_the_model() -> None:
-    """Of fast noise more than 95 %, because a single raise does not rule out slow noise: there the width is bounded."""
+    """Of some noises more than 95 % (docs/emg.md): there the width is bounded."""
     settings = EnvelopeSettings()
     pairs = {noise: [compare_pair(emg_pair(noise, settings, i), settings) for i in range(100)] for noise in NOISES}
     covered = {noise: np.array(found, dtype=float)[:, [1, 3]].mean(axis=0) for noise, found in pairs.items()}
@@ -131,8 +131,9 @@ def test_intervals_cover_the_truth_over_noise_that_does_not_follow_the_model() -
     assert all((share >= 0.9).all() for share in covered.values())  # 2.3 standard errors below 95 %
     slow = np.array([share for noise, share in covered.items() if noise not in FAST])
     assert 0.93 <= slow[:, 0].mean() <= 0.97
+    assert 0.93 <= np.mean([share[0] for share in covered.values()]) <= 0.97
     of_random_size = np.array([covered["gain drift"], covered["disagreement"]])
-    assert 0.93 <= of_random_size[:, 1].mean() <= 0.985  # 2.3 standard errors of 200 pairs above 95 %
+    assert 0.93 <= of_random_size[:, 1].mean() <= 0.97
     widths = {noise: np.median([width for *_, width, _ in pairs[noise]]) for noise in FAST}
     assert widths["none"] < 0.09 and widths["amplifier"] < 0.1 and widths["few motor units"] < 0.17
 
