@@ -217,6 +217,17 @@ def test_a_fall_before_the_last_frame_makes_the_lag_that_uncertain_and_damping_i
     assert Verdict.LAG in fit.verdicts
 
 
+@pytest.mark.parametrize("late", [0.8, -0.8])
+def test_markers_that_start_with_another_edge_are_named_by_how_far_they_are_off(late: float) -> None:
+    manifest, tracks = _dynamic()
+    frames = tracks["/markers"]
+    moved = replace(frames, host_time_ns=frames.host_time_ns + round(1e9 * late))
+    found = _certificate(build_trial(manifest, {**tracks, "/markers": moved}, "a.mcap", "hash"))
+    figures = figures_by_code(found.findings)[TrialNoteCode.SYNC_ARRIVAL]
+    assert figures["late_s"] == pytest.approx(late, abs=5e-3)
+    assert found.errors.time == pytest.approx(0.05, rel=0.01)
+
+
 def test_whole_frames_missing_at_the_end_contradict_nothing() -> None:
     trial = _trial(0.05)
     found = _certificate(trial)
