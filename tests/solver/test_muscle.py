@@ -13,13 +13,14 @@ from solver.muscle import muscle_forces
 MODEL = bundled_model()
 
 
-def _with_pennation(pennation: float) -> Model:
+def _with_pennation(pennation: float, steepest: float = MODEL.muscles[0].maximum_pennation) -> Model:
     muscle = replace(
         MODEL.muscles[0],
         max_isometric_force=100.0,
         optimal_fiber_length=0.1,
         tendon_slack_length=0.2,
         pennation_at_optimal=pennation,
+        maximum_pennation=steepest,
     )
     return replace(MODEL, muscles=(muscle,))
 
@@ -40,8 +41,16 @@ def test_a_pennate_muscle_pulls_along_its_tendon() -> None:
 def test_a_muscle_shorter_than_its_tendon_is_slack_and_keeps_its_shortest_fibre() -> None:
     for pennation in (0.0, 0.3):
         forces = muscle_forces(_with_pennation(pennation), np.array([[0.1]]), np.array([[-0.5]]))
-        at_rest = muscle_forces(_with_pennation(pennation), np.array([[0.1]]), np.zeros((1, 1)))
-        assert forces.active[0, 0] == at_rest.active[0, 0] == pytest.approx(0.0, abs=1e-12)
+        assert forces.active[0, 0] == pytest.approx(0.0, abs=1e-12)
+
+
+def test_a_slack_muscle_whose_shortest_fibre_still_pulls_has_its_isometric_force_at_any_speed() -> None:
+    """At a pennation of at most 0.7, the fibre is never shorter than 0.1 m sin(0.4) / sin(0.7) = 0.060 m."""
+    model = _with_pennation(0.4, steepest=0.7)
+    slack = muscle_forces(model, np.full((3, 1), 0.1), np.array([[-0.5], [0.0], [0.5]])).active[:, 0]
+    taut = muscle_forces(model, np.array([[0.2 + 0.1 * np.sin(0.4) / np.tan(0.7)]]), np.zeros((1, 1))).active[0, 0]
+    assert slack.tolist() == pytest.approx([taut] * 3, rel=1e-13)
+    assert taut > 10.0
 
 
 def test_a_lengthening_muscle_pulls_harder_than_a_shortening_one() -> None:

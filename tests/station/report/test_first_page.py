@@ -86,12 +86,12 @@ def _number(value: float | None, *ci95: float) -> dict[str, Any]:
     ("number", "text", "words"),
     [
         (_number(0.906), "9.4", "9.4 % less{}"),
-        (_number(0.906, 0.83, 0.98), "9.4 (2.0 to 17.0)", "9.4 % less{} (95 % interval 2.0 to 17.0 %)"),
-        (_number(1.034, 1.01, 1.06), "−3.4 (−6.0 to −1.0)", "3.4 % more{} (95 % interval 1.0 to 6.0 %)"),
+        (_number(0.906, 0.83, 0.98), "9.4 (2.0~to~17.0)", "9.4 % less{} (95 % interval 2.0~to~17.0 %)"),
+        (_number(1.034, 1.01, 1.06), "−3.4 (−6.0~to~−1.0)", "3.4 % more{} (95 % interval 1.0~to~6.0 %)"),
         (
             _number(0.906, 0.83, 0.98) | {"censored": "low"},
-            "9.4 (2.0 or more)",
-            "9.4 % less{} (95 % interval 2.0 % or more)",
+            "9.4 (2.0~or~more)",
+            "9.4 % less{} (95 % interval 2.0 %~or~more)",
         ),
         (_number(None), "–", "effort not known"),
     ],
@@ -100,8 +100,8 @@ def test_an_effort_is_stated_as_what_is_saved_and_a_bound_is_no_figure(
     number: dict[str, Any], text: str, words: str
 ) -> None:
     entry = located(NumberEntry.model_validate(number), Source.of("assessment.json"))
-    shown = [str(form(entry)).replace(UNBROKEN, " ") for form in (saving, saving_in_words)]
-    assert shown == [text, words.format(" effort than with a slack cord")]
+    shown = [str(form(entry)).replace(UNBROKEN, "~") for form in (saving, saving_in_words)]
+    assert shown == [text, words.format(" effort than with a slack cord")], "~ is a no-break space"
 
 
 def test_a_number_has_the_place_of_its_key_in_the_file() -> None:
