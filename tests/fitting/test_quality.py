@@ -114,11 +114,20 @@ def _hangs(time: np.ndarray, read: np.ndarray, way: np.ndarray) -> bool:
 
 
 @pytest.mark.parametrize("rate", [20.0, 1000.0])
-@pytest.mark.parametrize("noise", [0.0, 0.1, 0.2, 0.5, 4.0])
-def test_codes_that_repeat_because_the_force_is_quiet_are_no_hanging_converter(rate: float, noise: float) -> None:
+@pytest.mark.parametrize(
+    ("noise", "seeds"),
+    [
+        *((noise, range(4)) for noise in (0.0, 0.1, 0.2, 0.5, 4.0)),
+        *(pytest.param(noise, range(4, 8), marks=pytest.mark.slow) for noise in (0.0, 0.1, 0.2, 0.5, 4.0)),
+        *(pytest.param(noise, range(8), marks=pytest.mark.slow) for noise in (0.05, 0.15, 0.3, 1.0)),
+    ],
+)
+def test_codes_that_repeat_because_the_force_is_quiet_are_no_hanging_converter(
+    rate: float, noise: float, seeds: range
+) -> None:
     """Noise in codes of a 14-bit converter; a swing has rests at both ends."""
     code = 0.12
-    for seed in range(4):
+    for seed in seeds:
         time, load, read = _steps(seed, rate, noise * code, code)
         assert not _hangs(time, read, np.interp(TIME * 1.4, time, load) / 8000)
         swing = load[0] + 23.0 * (np.abs(time - 21) < 17) + 12.0 * np.sin(6.3 * time) * (np.abs(time - 21) < 15)

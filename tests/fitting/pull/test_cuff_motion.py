@@ -297,7 +297,7 @@ def test_a_marker_that_moves_by_a_millimetre_is_named_with_its_way(count: int, l
     assert way == pytest.approx(1e-3, rel=0.35)
 
 
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", [*range(6), *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(6, 20))])
 def test_noise_of_the_cameras_names_no_marker(seed: int) -> None:
     assert loose_marker(NAMES[:4], PLACES[:4], _seen(seed, 4, None, 0.0)) is None
     assert loose_marker(NAMES[:4], PLACES[:4], _seen(seed, 4, 1, 0.2e-3)) is None
