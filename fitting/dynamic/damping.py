@@ -49,6 +49,8 @@ from solver.cuff import KelvinVoigt
 
 MIN_CYCLES = 3.0
 MIN_SAMPLES_PER_CYCLE = 8.0
+MIN_FRAME_RATE = 1.01 / KNOT_STEP
+"""Frames a second; with fewer frames than knots, the spline of the motion would follow the force alone."""
 MIN_AMPLITUDE, GOOD_AMPLITUDE = 1.0, 3.0
 """Amplitude over marker noise."""
 FITTED_LAG_SD = 2e-3
@@ -120,7 +122,8 @@ def fit_damping(pull: Pull, tie: Estimate | None = None) -> DampingFit:
     swing = _cut(pull, oscillation)
     solution = estimate(swing)
     outcomes = [solution.outcome]
-    _require_amplitude(swing, solution)
+    _require_common_motion(swing, solution)
+    _require_amplitude(solution)
     slip = _find_slip(swing, solution, oscillation)
     notes = _sign_notes(pull, oscillation)
     if slip.cycles:
@@ -159,8 +162,8 @@ def _require_cycles(pull: Pull, oscillation: Oscillation) -> None:
         }
         raise UnusableTrial(RejectionCode.FEW_SAMPLES, figures)
     frame_rate = 1 / float(np.median(np.diff(pull.marker_time)))
-    if frame_rate < 1.01 / KNOT_STEP:  # then the spline follows the force alone
-        raise UnusableTrial(RejectionCode.FEW_FRAMES, {"rate_hz": frame_rate, "expected_hz": 1 / KNOT_STEP})
+    if frame_rate < MIN_FRAME_RATE:
+        raise UnusableTrial(RejectionCode.FEW_FRAMES, {"rate_hz": frame_rate, "expected_hz": MIN_FRAME_RATE})
 
 
 def _sign_notes(pull: Pull, oscillation: Oscillation) -> tuple[Note, ...]:
@@ -174,25 +177,35 @@ def _sign_notes(pull: Pull, oscillation: Oscillation) -> tuple[Note, ...]:
     return (Note(TrialNoteCode.POLARITY, {"fall_n": falls}),)
 
 
-def _require_amplitude(swing: Swing, solution: SwingFit) -> tuple[Note, ...]:
-    """A note if the motion is small compared with its noise. Raises UnusableTrial if it is below the noise, or if the
-    cuff swings without the force, so that all of its motion would be noise, or a quarter to half a period apart from
-    it: a stiffness below zero with a damping above it. Both are below zero where the sign of the load cell is wrong.
+def _require_common_motion(swing: Swing, solution: SwingFit) -> None:
+    """Raise UnusableTrial if the cuff does not move as the force does.
+
+    If it moves at other times, the fit takes its motion for noise, although the motion is smooth. If it swings a
+    quarter to half a period out of phase, k is below zero and c above. (A wrong sign of the force makes both negative.)
     """
-    amplitude = math.sqrt(2) * float(np.std(solution.x))
     stiffness, damping = solution.parameters[[K, C]]
-    is_small = amplitude < MIN_AMPLITUDE * solution.marker_noise
+    is_noise = _amplitude(solution) < MIN_AMPLITUDE * solution.marker_noise
     is_smooth = np.std(np.diff(swing.displacement)) < SMOOTH * math.sqrt(2) * np.std(swing.displacement)
-    is_against = stiffness < -SIGNIFICANCE * math.sqrt(solution.covariance[K, K]) and damping > 0
-    if is_against or (is_small and is_smooth):
+    is_out_of_phase = stiffness < -SIGNIFICANCE * math.sqrt(solution.covariance[K, K]) and damping > 0
+    if is_out_of_phase or (is_noise and is_smooth):
         raise UnusableTrial(RejectionCode.INDISTINCT)
-    if is_small:
+
+
+def _require_amplitude(solution: SwingFit) -> tuple[Note, ...]:
+    """A note if the motion is small compared with its noise; raises UnusableTrial if it is below the noise."""
+    amplitude = _amplitude(solution)
+    if amplitude < MIN_AMPLITUDE * solution.marker_noise:
         figures = {"amplitude_m": amplitude, "noise_m": solution.marker_noise, "expected": MIN_AMPLITUDE}
         raise UnusableTrial(RejectionCode.SMALL_MOTION, figures)
     if amplitude < GOOD_AMPLITUDE * solution.marker_noise:
         figures = {"amplitude_m": amplitude, "ratio": amplitude / solution.marker_noise}
         return (Note(TrialNoteCode.SMALL_MOTION, figures),)
     return ()
+
+
+def _amplitude(solution: SwingFit) -> float:
+    """Amplitude [m] of a sine with the variance of the fitted motion."""
+    return math.sqrt(2) * float(np.std(solution.x))
 
 
 def _find_slip(swing: Swing, solution: SwingFit, oscillation: Oscillation) -> Slip:
@@ -217,7 +230,8 @@ def _fit(
     posterior: LagPosterior | None,
 ) -> DampingFit:
     """The result of a record; apparent_damping [N s/m] due to slip is added to the noise of c."""
-    small = _require_amplitude(swing, solution)  # again, as the stretch may have been cut
+    _require_common_motion(swing, solution)  # both again, as the stretch may have been cut
+    small = _require_amplitude(solution)
     checks = check(swing, solution, oscillation.frequency)
     notes = small + disagreements(without_lag(solution), checks)
     notes += tuple(Note(TrialNoteCode.CHECK_NOT_CONVERGED, {"method": method}) for method in checks.not_converged)

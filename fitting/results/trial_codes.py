@@ -203,7 +203,7 @@ class RejectionCode(Code):
     )
     FEW_FRAMES = (
         "rejected.few_frames",
-        "{rate_hz:.3g} frames a second, expected more than {expected_hz:g}; raise the rate",
+        "the markers have {rate_hz:.4g} frames a second, expected at least {expected_hz:.4g}; raise QTM's frame rate",
     )
     SMALL_MOTION = (
         "rejected.small_motion",

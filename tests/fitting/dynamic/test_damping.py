@@ -11,7 +11,7 @@ from scipy.signal import lfilter
 
 from fitting.dynamic import errors_in_variables
 from fitting.dynamic.damping import Slip, find_slip, fit_damping
-from fitting.dynamic.errors_in_variables import LagPosterior, SwingFit, estimate, lag_from_magnitude
+from fitting.dynamic.errors_in_variables import KNOT_STEP, LagPosterior, SwingFit, estimate, lag_from_magnitude
 from fitting.pull.pull import Pull
 from fitting.results.trial_codes import RejectionCode, TrialNoteCode
 from fitting.session import fit_session
@@ -78,11 +78,6 @@ def test_damping_comes_back_with_the_lag_in_its_error() -> None:
     assert fit.damping.noise > fit.noise > 0
 
 
-def _with_every(pull: Pull, count: int) -> Pull:
-    """With every count-th frame alone."""
-    return replace(pull, marker_time=pull.marker_time[::count], displacement=pull.displacement[::count])
-
-
 @pytest.mark.parametrize(
     ("pull", "code"),
     [
@@ -92,12 +87,20 @@ def _with_every(pull: Pull, count: int) -> Pull:
         (_pull(amplitude=0.15), RejectionCode.SMALL_MOTION),
         (replace(_pull(), marker_time=_pull().marker_time + 0.3), RejectionCode.INDISTINCT),
         (replace(_pull(), marker_time=_pull().marker_time + 0.6), RejectionCode.INDISTINCT),
-        (_with_every(_pull(), 10), RejectionCode.FEW_FRAMES),
     ],
 )
 def test_a_trial_from_which_damping_is_not_identified_is_refused(pull: Pull, code: RejectionCode) -> None:
     with raises_refusal(code):
         fit_damping(pull)
+
+
+def test_markers_with_as_few_frames_as_the_motion_has_knots_are_refused() -> None:
+    pull = _pull()
+    few = replace(pull, marker_time=pull.marker_time[::8], displacement=pull.displacement[::8])
+    with raises_refusal(
+        RejectionCode.FEW_FRAMES, rate_hz=pytest.approx(12.5), expected_hz=pytest.approx(1.01 / KNOT_STEP)
+    ):
+        fit_damping(few)
 
 
 def test_a_small_motion_is_fitted_with_a_note_of_how_small_it_is() -> None:
