@@ -14,7 +14,7 @@ import recordings.reader
 from documents.message import Message
 from fitting.cuffs.cuff_fit import SessionFit, TrialFit
 from fitting.errors import UnusableTrial
-from fitting.results.codes import NoteCode, Verdict
+from fitting.results.codes import EXPLAINED_BY, NoteCode, Verdict
 from fitting.results.sentences import Note
 from fitting.results.trial_codes import RejectionCode
 from fitting.uncertainty import Estimate
@@ -25,7 +25,7 @@ from station.fit import fit_session_folder
 from station.journal import Recorded, write_recorded, write_verdict
 from station.messages.bench_messages import TrialCode
 from station.messages.session_messages import ReasonCode
-from station.session.fitted_judgement import judge_recording
+from station.session.fitted_judgement import LOADS_MISSING, judge_recording
 from station.session.judgement import Judgement, judgement_without_fit, notes_at_the_bench
 from tests.station.foreign import static_and_dynamic
 
@@ -143,7 +143,11 @@ def test_an_earlier_trial_that_ended_early_leads_the_doubts_of_a_later_one(
     assert itself.reasons == (Message(ReasonCode.WEIGHTS_MISSING, {"found": 3, "planned": 5}),)
     assert (itself.advice, itself.doubts) == ("redo", ())
     refit(verdicts=verdicts, notes=(replace(note, code=NoteCode.HIDDEN_LOADS),))
-    assert [reason.code for reason in judge_recording(session, STATIC).reasons] == [ReasonCode.LOADS_HIDDEN]
+    assert codes(judge_recording(session, STATIC)) == [ReasonCode.LOADS_HIDDEN]
+
+
+def test_every_early_end_of_a_trial_has_a_reason_to_redo_it() -> None:
+    assert {*LOADS_MISSING, NoteCode.STOPPED_SWINGING} == set(EXPLAINED_BY)
 
 
 def test_only_a_checked_recording_without_a_problem_is_good(session: Path, refit: Callable[..., None]) -> None:
