@@ -313,9 +313,7 @@ def require_live_force(
     change = _spread(scipy.ndimage.uniform_filter1d(force, width))
     noise = float(np.std(np.diff(force))) / math.sqrt(2 * width)
     if travel > CLEAR_TRAVEL and change < min(SOFTEST * travel, NOISE_SPREAD * noise):
-        start, end = float(force_time[0]), float(force_time[-1])
-        figures = {"force_n": float(np.mean(force)), "duration_s": end - start, "start_s": start}
-        raise UnusableTrial(RejectionCode.FORCE_STUCK_MOVING, figures)
+        raise UnusableTrial(RejectionCode.FORCE_NOISE, {"force_n": float(np.mean(force)), "travel_m": travel})
 
 
 def require_live_markers(

@@ -12,6 +12,8 @@ _ONLY_DAMAGE = (
 )
 _REST = "the force at rest changes by {drift_n:+.2f} N from start to end, expected at most {limit_n:.2f} N"
 _FREQUENT = "samples per cycle of {frequency_hz:.2f} Hz, expected at least {expected:g}"
+_STUCK = "force reads {force_n:.2f} N without change for {duration_s:.1f} s from {start_s:.1f} s on "
+_HUNG = f"the converter or its stream hung; check the amplifier and its cable, and {_AGAIN}"
 _CABLE = " {count:time} for less than 20 ms, at {at}; ignored, check the cable"
 
 
@@ -121,17 +123,15 @@ class RejectionCode(Code):
         "rejected.force_constant",
         "force reads {value:g} in all {total:.0f} samples, expected noise and load; check the load cell",
     )
-    FORCE_STUCK_MOVING = (
-        "rejected.force_stuck_while_moving",
-        "force reads {force_n:.2f} N without change for {duration_s:.1f} s from {start_s:.1f} s on while the cuff "
-        "moves: "
-        f"the converter or its stream hung; check the amplifier and its cable, and {_AGAIN}",
-    )
+    FORCE_STUCK_MOVING = "rejected.force_stuck_while_moving", f"{_STUCK}while the cuff moves: {_HUNG}"
     FORCE_STUCK_QUIET = (
         "rejected.force_stuck_without_noise",
-        "force reads {force_n:.2f} N without change for {duration_s:.1f} s from {start_s:.1f} s on although its "
-        "noise is "
-        f"{{noise_n:.2g}} N: the converter or its stream hung; check the amplifier and its cable, and {_AGAIN}",
+        f"{_STUCK}although its noise is {{noise_n:.2g}} N: {_HUNG}",
+    )
+    FORCE_NOISE = (
+        "rejected.force_noise_alone",
+        "force is noise about {force_n:.2f} N while the cuff moves by {travel_m:mm .1f} mm; check that the load cell "
+        f"is in the rope and connected, and {_AGAIN}",
     )
     FORCE_POLARITY = (
         "rejected.force_polarity",

@@ -64,7 +64,10 @@ def test_force_that_is_stuck_while_the_cuff_moves_is_refused() -> None:
 
 def test_a_force_of_noise_alone_while_the_cuff_moves_is_refused() -> None:
     noise = 0.1 * np.random.default_rng(1).standard_normal(len(TIME))
-    with raises_refusal(RejectionCode.FORCE_STUCK_MOVING, duration_s=pytest.approx(29.99), start_s=0.0):
+    travel = float(np.ptp(FORCE)) / 8000
+    with raises_refusal(
+        RejectionCode.FORCE_NOISE, force_n=pytest.approx(20, abs=0.01), travel_m=pytest.approx(travel, rel=0.01)
+    ):
         require_live_force(TIME, 20 + noise, TIME, FORCE / 8000)
     require_live_force(TIME, 20 + noise, TIME, 1e-4 * noise)  # a cuff that rests, too
     require_live_force(TIME, (FORCE + noise) / 1000, TIME, FORCE / 8000)  # kilonewtons, which a later check names
