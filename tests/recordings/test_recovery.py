@@ -53,9 +53,10 @@ def test_a_file_cut_in_its_index_loses_nothing(whole: Path, tmp_path: Path) -> N
     assert report.output.read_bytes() == whole.read_bytes()
 
 
-def test_from_wherever_it_was_cut_it_opens_in_the_packages_own_reader(whole: Path, tmp_path: Path) -> None:
+@pytest.mark.parametrize("cuts", [5, pytest.param(20, marks=pytest.mark.slow)])
+def test_from_wherever_it_was_cut_it_opens_in_the_packages_own_reader(cuts: int, whole: Path, tmp_path: Path) -> None:
     size, ends = whole.stat().st_size, chunk_ends(whole)
-    random = np.random.default_rng(3).integers(ends[0], size, 5).tolist()
+    random = np.random.default_rng(3).integers(ends[0], size, cuts).tolist()
     for cut_at in {*random, *(end + step for end in ends for step in (-1, 0, 1) if end + step >= ends[0])}:
         cut = _cut(whole, tmp_path, cut_at)
         before = cut.read_bytes()
@@ -73,7 +74,9 @@ def test_from_wherever_it_was_cut_it_opens_in_the_packages_own_reader(whole: Pat
             assert len(list(StreamReader(file, validate_crcs=True).records)) > len(messages)
 
 
-@pytest.mark.parametrize(("seconds", "cuts"), [(3.7, 20), pytest.param(60.0, 8, marks=pytest.mark.slow)])
+@pytest.mark.parametrize(
+    ("seconds", "cuts"), [(3.7, 20), *(pytest.param(*case, marks=pytest.mark.slow) for case in ((3.7, 60), (60.0, 8)))]
+)
 def test_every_cut_keeps_exactly_the_whole_chunks(tmp_path: Path, seconds: float, cuts: int) -> None:
     victim = Victim(whole_file(tmp_path, seconds), tmp_path)
     for size in np.random.default_rng(4).integers(0, len(victim.data) + 1, cuts).tolist():

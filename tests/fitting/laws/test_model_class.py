@@ -25,6 +25,14 @@ WEAK = {
     "creep": Law(slow=(0.03, 15.0)),
     "slip": Law(slip_from=60.0),
 }
+RIGS = (
+    {"lag": 25e-3},
+    {"zero_drift": -2 / 60, "lag": -5e-3},
+    {"lag": 5e-3},
+    {"lag": -5e-3},
+    {"zero_drift": 2 / 60},
+    {"zero_drift": -2 / 60, "lag": 5e-3},
+)
 
 
 def _compared(session: Session, repeats: int) -> ModelComparison:
@@ -51,12 +59,9 @@ def test_a_spring_and_a_damper_are_not_called_anything_richer(seed: int) -> None
 @pytest.mark.parametrize(
     ("rig", "repeats"),
     [
-        ({"lag": 25e-3}, 1),
-        ({"zero_drift": -2 / 60, "lag": -5e-3}, 1),
-        *(
-            pytest.param(rig, 2, marks=pytest.mark.slow)
-            for rig in ({"lag": 5e-3}, {"lag": 25e-3}, {"zero_drift": 2 / 60}, {"zero_drift": -2 / 60, "lag": -5e-3})
-        ),
+        pytest.param(rig, repeats, marks=[pytest.mark.slow] * (index > 1 or repeats > 1))
+        for index, rig in enumerate(RIGS)
+        for repeats in (1, 2)
     ],
 )
 def test_an_uncalibrated_lag_and_a_drift_of_the_zero_are_no_law(rig: dict[str, float], repeats: int) -> None:
