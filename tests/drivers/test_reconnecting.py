@@ -220,13 +220,16 @@ def impatient(bench: FaultBench) -> Iterator[None]:
     """A device that does not answer soon is lost, or asked again, within this context."""
     ni: Any = bench.listeners["ni"].device
     qtm: Any = bench.listeners["qtm"].device
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(ni.device._opened, "deadline_s", SOON_S)
-        for name in ("CONNECT_TIMEOUT_S", "COMMAND_TIMEOUT_S"):
-            patch.setattr(qualisys, name, SOON_S)
-        qtm.device._connection._connection._timeout = SOON_S
-        yield
-    qtm.device._connection._connection._timeout = qualisys.COMMAND_TIMEOUT_S
+    try:
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(ni.device._opened, "deadline_s", SOON_S)
+            for name in ("CONNECT_TIMEOUT_S", "COMMAND_TIMEOUT_S"):
+                patch.setattr(qualisys, name, SOON_S)
+            qtm.device._connection._connection._timeout = SOON_S
+            yield
+    finally:  # the connection may be another one by now, and there is none if the device was lost for good
+        if connection := qtm.device._connection:
+            connection._connection._timeout = qualisys.COMMAND_TIMEOUT_S
 
 
 def test_every_fault_of_a_device_has_its_case() -> None:
