@@ -19,6 +19,7 @@ from fitting.results.trial_codes import TrialNoteCode
 from fitting.static.held_loads import Creep, HeldLoads, fit_migration, held_load_notes
 from fitting.static.stiffness import StaticFit, StiffnessFit
 from fitting.trial.bounce import Oscillation
+from fitting.trial.timeline import REST
 from fitting.trial.trial import RejectedTrial, Trial, data_origins
 from fitting.uncertainty import Estimate, combine
 from recordings.manifest import DataOrigin
@@ -250,7 +251,10 @@ SHORT_SWING = 0.8
 def _stopped_notes(
     static: Sequence[Pull], trials: Sequence[Trial], swings: Swings, verdicts: Sequence[Verdict]
 ) -> Iterator[Note]:
-    """A note on every trial that ended before its last step, if it explains a verdict. A window of a trial did not."""
+    """Notes on trials in which loads or a swing are missing, if these explain a verdict.
+
+    A trial of which only a window is used has none.
+    """
     notes = [_stopped_static(pull) for pull in static]
     notes += [_stopped_swing(trial, swings.by_file.get(trial.file)) for trial in trials if trial.test == "dynamic"]
     for note in filter(None, notes):
@@ -275,14 +279,15 @@ def _stopped_static(pull: Pull) -> Note | None:
 
 def _misses_load(pull: Pull, weight: float) -> bool:
     """Whether force or markers end as much as a hold before the capture, or the cuff is hidden for as long while the
-    force is above all held loads by half a weight [N].
+    force is above all held loads by half a weight [N]. Without a held load it is compared with the force at rest.
     """
     end = min(pull.force_time[-1], pull.marker_time[-1])
     if pull.trial.sync_fall is not None and pull.trial.sync_fall - end > MIN_HOLD:
         return True
     hidden = pull.marker_time[np.isnan(pull.displacement)]
-    loads = [plateau.force for plateau in pull.plateaus]
-    is_above = np.interp(hidden, pull.force_time, pull.force) > max(loads, default=math.inf) + weight / 2
+    at_rest = float(np.mean(pull.force[pull.force_time < pull.force_time[0] + REST]))
+    highest = max((plateau.force for plateau in pull.plateaus), default=at_rest)
+    is_above = np.interp(hidden, pull.force_time, pull.force) > highest + weight / 2
     return bool(np.count_nonzero(is_above) * float(np.median(np.diff(pull.marker_time))) > MIN_HOLD)
 
 

@@ -362,9 +362,7 @@ EXPLAINED_BY: Mapping[StrEnum, tuple[Verdict, ...]] = {
     NoteCode.STOPPED_UNLOADING: (Verdict.ONLY_ROSE, Verdict.NOT_UNLOADED),
     NoteCode.STOPPED_SWINGING: (Verdict.NO_DYNAMIC, Verdict.DAMPING_UNCERTAIN, Verdict.DAMPING_NOT_CONVERGED),
 }
-
-
-"""A trial that ended before its last step → verdicts that follow from it."""
+"""Note on loads or a swing that are missing → verdicts that follow."""
 
 
 class FitErrorCode(Code):
@@ -457,8 +455,6 @@ class FitOutcome(StrEnum):
 
 
 NEGLIGIBLE = 0.01
-
-
 """Standard errors by which a parameter may change in the last round of a converged fit."""
 
 

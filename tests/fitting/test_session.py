@@ -11,7 +11,8 @@ import pytest
 
 from fitting.cuffs.cuff_fit import CuffFit, SessionFit
 from fitting.cuffs.cuffs_file import cuffs_json
-from fitting.diagnosis.identification import along_unknown_rope
+from fitting.diagnosis.identification import _stopped_static, along_unknown_rope
+from fitting.pull.pull import make_pulls
 from fitting.results.codes import EXPLAINED_BY, NoteCode, Verdict
 from fitting.results.sentences import Note
 from fitting.results.trial_codes import RejectionCode, TrialNoteCode
@@ -223,6 +224,13 @@ def test_loads_under_which_the_markers_are_hidden_are_no_loads_that_were_not_hun
     (note,) = [note for note in fit.notes if note.code in EXPLAINED_BY]
     assert note.code is NoteCode.HIDDEN_LOADS and (note.figures["count"], note.figures["total"]) == (2, 5)
     assert str(note) in fit.verdict
+    bare = replace(make_pulls([planned])[0][0], plateaus=())
+    first_step = planned.force_time[np.argmax(planned.force > planned.force[0] + 7.5)]
+    unseen = replace(bare, displacement=np.where(bare.marker_time > first_step, np.nan, bare.displacement))
+    assert [note and note.code for note in map(_stopped_static, (unseen, bare))] == [
+        NoteCode.HIDDEN_LOADS,
+        NoteCode.STOPPED_LOADING,
+    ]
 
 
 @pytest.mark.parametrize("end_s", [18.0, 36.0])
