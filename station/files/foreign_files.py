@@ -180,15 +180,20 @@ def _column(source: ForceSource, table: SignalTable, candidates: Sequence[str]) 
 
 
 def _unit(source: ForceSource, table: SignalTable, column: str) -> ForceUnit:
-    """The unit of the command line, of the file, or in the name of the column; otherwise volts, as written by a DAQ."""
+    """The unit of the command line, of the file, or in the name of the column; otherwise volts, as written by a DAQ.
+
+    Raises WrongImport for another unit, and for a name with two different ones.
+    """
     if source.unit:
         return source.unit
-    named = NAMED_UNIT.search(column)
-    declared = table.units[column].strip() or (named[1] or named[2] if named else "")
-    if declared and declared.lower() not in SPELLINGS:
-        figures = {"path": str(source.path), "column": column, "unit": repr(declared), "known": ", ".join(UNITS)}
+    of_file = table.units[column].strip()
+    declared = [of_file] if of_file else ["".join(found) for found in NAMED_UNIT.findall(column)]
+    units = {SPELLINGS.get(unit.lower()) for unit in declared}
+    if len(units) > 1 or None in units:
+        named = " and ".join(map(repr, dict.fromkeys(declared)))
+        figures = {"path": str(source.path), "column": column, "unit": named, "known": ", ".join(UNITS)}
         raise WrongImport(Message(ImportCode.FORCE_UNIT, figures))
-    return SPELLINGS.get(declared.lower(), "V")
+    return SPELLINGS[declared[0].lower()] if declared else "V"
 
 
 def _renamed(table: MarkerTable, source: MarkerSource) -> MarkerTable:

@@ -321,6 +321,9 @@ def test_the_force_is_the_column_of_its_title_whatever_commas_others_hold(
         ("F/kN", None),
         ("Fz [kN] filtered", None),
         ("Kraft {daN}", None),
+        ("Fz (N) [kN]", None),
+        ("Force [V] N", None),
+        ("Fz [N] newtons", "N"),
     ],
 )
 def test_the_unit_in_a_title_is_that_of_the_force(tmp_path: Path, title: str, unit: str | None) -> None:
