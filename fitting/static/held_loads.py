@@ -406,7 +406,7 @@ def _drift(trials: Sequence[Sequence[Plateau]]) -> Estimate | None:
             continue
         span = (plateaus[-1].start + plateaus[-1].end - plateaus[0].start - plateaus[0].end) / 2
         sd = math.hypot(plateaus[0].force_sd, plateaus[-1].force_sd)
-        if sd > 0:  # a reading without noise is at the end of the converter's range and follows no drift
+        if sd > 0:  # 0 at the end of a range without visible codes; a quiet force at one code has that code's error
             found.append(((plateaus[-1].force - plateaus[0].force) / span, sd / span))
     if not found:
         return None

@@ -13,7 +13,7 @@ import pytest
 from scipy import optimize, signal, stats
 
 from fitting.cuffs.cuffs_file import held_loads_json
-from fitting.pull.plateaus import Plateau
+from fitting.pull.plateaus import Plateau, find_plateaus
 from fitting.pull.pull import Pull, make_pulls
 from fitting.results.codes import FitOutcome, NoteCode
 from fitting.static.held_loads import (
@@ -272,6 +272,16 @@ def test_hooks_without_noise_at_the_end_of_a_range_show_no_drift() -> None:
     noisy = [replace(plateau, force=plateau.force + 0.01 * plateau.start, force_sd=0.1) for plateau in clipped]
     drift = _drift([clipped, noisy])
     assert drift is not None and drift.value == pytest.approx(0.01)
+
+
+def test_quiet_hooks_at_one_code_of_a_converter_show_their_drift_with_the_error_of_the_code() -> None:
+    time, code = np.arange(0.0, 24.0, 0.01), 0.5
+    force = np.repeat([10.0, 40.0, 10.5], len(time) // 3)
+    held = find_plateaus(time, force, code, time, force / 8000)
+    drift = _drift([held])
+    span = (held[2].start + held[2].end - held[0].start - held[0].end) / 2
+    assert drift is not None
+    assert (drift.value, drift.standard_error) == pytest.approx((code / span, math.sqrt(2 / 12) * code / span))
 
 
 def test_migration_runs_from_the_first_start_to_the_last_end() -> None:
