@@ -1,20 +1,18 @@
 """Share of simulated pairs whose 95 % intervals contain the true lag and the true correlation (docs/emg.md).
 
-python -m benchmarks.emg_coverage [--pairs 500] [--first 40000]
-"""
+    python -m benchmarks.emg_coverage [--pairs 500] [--first 40000]
 
-import argparse
+--first is the seed of the first pair of each noise.
+"""
 
 import numpy as np
 
+from benchmarks.command_line import parse_options
 from fitting.emg.envelopes import EnvelopeSettings
 from tests.fitting.emg.simulated import NOISES, compare_pair, emg_pair
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--pairs", type=int, default=500)
-    parser.add_argument("--first", type=int, default=40000, help="seed of the first pair of each noise")
-    options, settings = parser.parse_args(), EnvelopeSettings()
+    options, settings = parse_options(__doc__, pairs=500, first=40000), EnvelopeSettings()
     seeds = range(options.first, options.first + options.pairs)
     print("| noise | lag covered % | correlation covered % | lag identified % | median width [ms] |")
     print("|---|---:|---:|---:|---:|")
