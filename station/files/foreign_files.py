@@ -40,7 +40,7 @@ SPELLINGS: Mapping[str, ForceUnit] = {
 }
 _UNIT = rf"{'|'.join(SPELLINGS)}|(?:[kmcd]|da)n|[mk]v|mv/v|k?gf?|kp|oz"
 NAMED_UNIT = re.compile(rf"[(\[{{]\s*({_UNIT})\s*[)\]}}]|(?:^|[_ /:-])\s*({_UNIT})\s*$", re.IGNORECASE)
-"""In brackets in a column's title, or at its end behind a blank, an underscore or one of / : -, or alone; also refused
+"""In brackets in a column's title, or at its end after a blank, an underscore or one of / : -, or alone; also refused
 units. A quantity divided by its unit (F/kN) is ISO 80000-1's form for the title of a column.
 """
 SLOWEST_FORCE_HZ, FASTEST_FORCE_HZ = 5.0, 100_000.0
