@@ -280,7 +280,6 @@ def test_weights_as_planned_are_no_news() -> None:
     ("scale", "mistake"),
     [
         (2.0, GainMistake.CAPACITY_DOUBLED),
-        (1000.0, GainMistake.MILLINEWTONS_FOR_NEWTONS),
         (1.08, GainMistake.UNKNOWN),
         (1.05, GainMistake.UNKNOWN),
         (0.95, GainMistake.UNKNOWN),

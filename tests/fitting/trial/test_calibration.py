@@ -38,6 +38,7 @@ SLOW = Bounce(force_rate=20.0, frequency=3.0, amplitude=0.01)
         (0.2248089431, GainMistake.POUNDS_FOR_NEWTONS),
         (9.80665, GainMistake.NEWTONS_FOR_KILOGRAMS),
         (0.1019716213, GainMistake.KILOGRAMS_FOR_NEWTONS),
+        (1000.0, GainMistake.MILLINEWTONS_FOR_NEWTONS),
     ],
 )
 def test_a_mistake_is_recognised_by_its_exact_ratio_and_within_three_percent(
