@@ -289,8 +289,10 @@ class KillBench:
             return killed
 
     def _wait_until(self, world_s: float) -> None:
+        give_up_s = time.perf_counter() + scaled_timeout(PATIENCE_S)
         while self.world.now() < world_s:
             assert not self.clock.has_ended
+            assert time.perf_counter() < give_up_s, f"the world stands at {self.world.now()} s"
             time.sleep(0.002)
 
 

@@ -17,6 +17,7 @@ from tests.timeout import scaled_timeout
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
 PATIENCE_S = 120.0
+CHECKS = 5
 AXE = Path.home() / ".cache" / "cuffstation" / "axe" / "node_modules" / "axe-core" / "axe.min.js"
 needs_axe = pytest.mark.skipif(not AXE.is_file(), reason="axe-core is not installed here; .ci/run installs it with npm")
 SERIOUS = """
@@ -117,6 +118,25 @@ def begin(page: Page, first: str = "next: hand") -> None:
     expect(begun).to_be_visible()
 
 
+def check_until_ready(page: Page) -> None:
+    """The bench is ready; on a busy machine, the simulated devices may answer the first checks too late."""
+    ready, not_ready = (page.get_by_text(re.compile(verdict)) for verdict in ("^Ready", "^Not ready"))
+    for _ in range(CHECKS):
+        expect(ready.or_(not_ready)).to_be_visible()
+        if ready.is_visible():
+            return
+        verdict = not_ready.element_handle()
+        page.get_by_role("button", name="Check the bench").click()
+        verdict.wait_for_element_state("hidden")
+    raise AssertionError(f"not ready in {CHECKS} checks")
+
+
+def arm(page: Page) -> None:
+    """Begin the trial that is next; was_shown() is of this one."""
+    page.evaluate("shownTexts.clear()")
+    page.keyboard.press("a")
+
+
 def stop(page: Page) -> None:
     """End the recording that runs, and confirm."""
     page.keyboard.press("s")
@@ -166,7 +186,7 @@ def runs(page: Page) -> None:
 def was_shown(page: Page, words: str) -> None:
     """A recording, or an instruction: they change every few seconds, less than a busy machine needs to look.
 
-    words is a regular expression of JavaScript.
+    They are those since arm(), or since the page was opened. words is a regular expression of JavaScript.
     """
     page.wait_for_function("words => [...shownTexts].some(text => new RegExp(words).test(text))", arg=words)
 

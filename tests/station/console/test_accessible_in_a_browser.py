@@ -2,13 +2,21 @@
 
 from __future__ import annotations
 
-import re
 from pathlib import Path
 
 import pytest
 from playwright.sync_api import Browser, Page
 
-from tests.station.console.browsing import begin, needs_axe, open_page, seen, serious_faults, was_shown
+from tests.station.console.browsing import (
+    arm,
+    begin,
+    check_until_ready,
+    needs_axe,
+    open_page,
+    seen,
+    serious_faults,
+    was_shown,
+)
 from tests.station.console.served import ServedConsole, write_config
 from tests.station.reported import report_session
 
@@ -36,7 +44,7 @@ def assert_usable(page: Page, state: str) -> None:
 def test_no_state_of_a_session_has_a_serious_fault(browser: Browser, tmp_path: Path) -> None:
     with ServedConsole(write_config(tmp_path, hold_s=4.0), "--simulated", "--speed", "2") as console:
         page = open_page(browser, console.address)
-        seen(page, re.compile("^(Ready|Not ready)"))  # a busy machine may answer the check too late
+        check_until_ready(page)
         page.add_style_tag(content=STILL)
         assert_usable(page, "set-up")
         begin(page)
@@ -50,7 +58,7 @@ def test_no_state_of_a_session_has_a_serious_fault(browser: Browser, tmp_path: P
         assert_usable(page, "dialog of a trial")
         page.get_by_role("button", name="Close").click()
         page.get_by_role("dialog").wait_for(state="detached")
-        page.keyboard.press("a")
+        arm(page)
         was_shown(page, r"^REC \d")
         assert_usable(page, "trial")
         seen(page, "Keep (k)")

@@ -12,6 +12,7 @@ from playwright.sync_api import Browser, Page, expect
 
 from fitting.wearer.wearer_trial import read_wearer_trial
 from tests.station.console.browsing import (
+    arm,
     begin,
     buttons_are_in_view,
     fits_on_the_screen,
@@ -59,7 +60,7 @@ def test_a_pose_and_a_motion_are_guided_shown_judged_and_kept(browser: Browser, 
 def record_the_pose(page: Page) -> None:
     seen(page, "stand upright, arm hanging")
     assert unreadable(page) == []
-    page.keyboard.press("a")
+    arm(page)
     was_shown(page, r"^REC \d")
     seen(page, re.compile(r"^pose: no problems found"))
     seen(page, "largest movement [mm]")
@@ -69,7 +70,7 @@ def record_the_pose(page: Page) -> None:
 
 def record_the_motion(page: Page, pictures: Path) -> None:
     seen(page, "next: motion, without the suit")
-    page.keyboard.press("a")
+    arm(page)
     seen(page, re.compile(r"EMG RMS \[µV\] deltoid \d+"))
     until(page, partial(fits_on_the_screen, page))
     page.screenshot(path=pictures / "console-motion.png")
