@@ -118,7 +118,7 @@ def test_a_capture_of_no_whole_number_of_samples_pins_the_edge_between_them() ->
 @pytest.mark.parametrize("falling", [2.1, None])
 def test_a_fall_elsewhere_is_not_the_end_of_the_capture(falling: float | None) -> None:
     clock = fit_clock(SyncEdges(2.0, 3e-4, falling, 3e-4), 30.0, END_OF_FRAME)
-    assert (clock.start, clock.ratio, clock.has_both_edges) == (2.0, 1.0, False)
+    assert (clock.start, clock.ratio, clock.has_both_edges, clock.is_identified) == (2.0, 1.0, False, False)
     assert clock.time_sd(20.0) == pytest.approx(np.hypot(3e-4, 20 * DRIFT_PRIOR_SD))
     assert LagUncertainty(0.0, 0.0, 0.0).value == 0.0
     assert (clock.common_drift, clock.missing_frames, SyncEdges(5.0, 3e-4, None).falling_sd) == (0.0, 0, 0.0)
