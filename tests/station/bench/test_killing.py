@@ -42,7 +42,7 @@ SPEED = 12.0
 LOSS_BOUND_S = 0.5
 DAEMONS = 7  # at once: QTM takes ten clients, and one that reconnects counts twice for a moment
 PATIENCE_S = 60.0  # wall; a bound on failing runs, not an expectation
-ARMED_S = 2.5  # world, so that the whole pre-roll is there before the edge
+ARMED_S = 2.5  # world seconds: the pre-roll is complete before the edge
 RECORD = "from station.cli import main; main()"
 CONFIG = """
 [daq]
