@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import subprocess
 import sys
 import threading
@@ -25,6 +26,7 @@ from recordings.contents import read_contents
 from station.journal import read_journal
 from station.messages.bench_messages import TrialCode
 from tests.house.sources import ROOT
+from tests.made_once import made_once
 from tests.station.console.served import ServedConsole, write_config
 from tests.station.terminal.practice import Headless
 from tests.timeout import scaled_timeout
@@ -59,10 +61,10 @@ def lab_folder(parent: Path, *, has_wearer: bool = False) -> Path:
     return folder
 
 
-@pytest.fixture(scope="module")
-def lab(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def record_plan(parent: Path) -> Path:
     """A folder with a whole session, recorded as docs/terminal.md starts it: by the shell, which opens the file."""
-    folder = lab_folder(tmp_path_factory.mktemp("lab"))
+    parent.mkdir()
+    folder = lab_folder(parent)
     words = [sys.executable, "-m", "station", "record", "--headless", *PLAN, "--session", str(SESSION)]
     ran = subprocess.run(  # noqa: S602  (our own words)
         f"{subprocess.list2cmdline(words)} >> monday.jsonl",
@@ -76,6 +78,13 @@ def lab(tmp_path_factory: pytest.TempPathFactory) -> Path:
     )
     assert ran.returncode == 0, ran.stderr
     return folder
+
+
+@pytest.fixture(scope="module")
+def lab(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A copy of the folder, which the tests of a module may change: an idle process takes tests of another one."""
+    recorded = made_once(tmp_path_factory, "lab", record_plan)
+    return Path(shutil.copytree(recorded, tmp_path_factory.mktemp("lab_copy") / recorded.name))
 
 
 def station(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
