@@ -501,7 +501,7 @@ def test_a_trial_a_second_start_an_alarm_and_a_new_controller_that_resumes(
     running: tuple[SimulatedBench, StationConfig], tmp_path: Path
 ) -> None:
     bench, config = running
-    safety = config.safety.model_copy(update={"force_ceiling_n": 30.0})
+    safety = config.safety.model_copy(update={"force_ceiling_n": 15.0})  # the first weight exceeds it
     config = with_folder(config, tmp_path).model_copy(update={"safety": safety})
     first, second = (SessionController(config, SPEED, bench) for _ in range(2))
 
