@@ -118,11 +118,10 @@ class Shoulder:
             gap = self.gap(q)
             if np.abs(gap).max() < CLOSED_M:
                 return q
-            slope = np.empty((len(q), 3, len(columns)))
-            for k, column in enumerate(columns):
-                nudged = q.copy()
-                nudged[:, column] += STEP_RAD
-                slope[:, :, k] = (self.gap(nudged) - gap) / STEP_RAD
+            nudged = np.tile(q, (len(columns), 1, 1))
+            nudged[range(len(columns)), :, columns] += STEP_RAD
+            nudged_gap = self.gap(nudged.reshape(-1, q.shape[1])).reshape(len(columns), *gap.shape)
+            slope = np.moveaxis(nudged_gap - gap, 0, 2) / STEP_RAD
             q[:, columns] -= np.einsum("nij,nj->ni", np.linalg.pinv(slope), gap)
         raise SimulatorError(
             f"the simulated shoulder does not close: its joint stands open by {np.abs(gap).max():.2g} m",
