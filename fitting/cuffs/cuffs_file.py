@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -23,12 +23,14 @@ from fitting.dynamic.cross_checks import ComplexStiffness
 from fitting.dynamic.damping import DampingFit
 from fitting.errors import CodedError
 from fitting.laws.model_class import KELVIN_VOIGT, ModelComparison
+from fitting.results import cuffs_schema
 from fitting.results.codes import EXPLAINED_BY, FitErrorCode, Verdict
 from fitting.results.cuffs_schema import FORMAT, CuffEntry, CuffsDocument, FigureEntry
 from fitting.results.sentences import Note
-from fitting.spatial.tensors import Tensor, Tensors, entry_errors
-from fitting.static.held_loads import HeldLoads
+from fitting.spatial.tensors import Tensor, entry_errors
+from fitting.static.held_loads import Creep, HeldLoads
 from fitting.trial.calibration import Calibration
+from fitting.trial.timeline import SyncCertificate
 from fitting.uncertainty import NORMAL_95, Estimate
 from recordings.manifest import is_file_name
 
@@ -41,269 +43,275 @@ def cuffs_json(session: SessionFit) -> str:
 
 def cuffs_document(session: SessionFit) -> CuffsDocument:
     """The content of cuffs.json."""
-    plain: dict[str, Any] = {
-        "format": FORMAT,
-        "origin": session.origin,
-        "cuffs": {name: _written(session, name) for name in session.cuffs},
-        "rejected": [
-            {
-                "file": trial.file,
-                "reason": str(trial.reason),
-                "reason_code": trial.reason.to_plain(),
-                "damage": list(trial.damage),
-            }
+    return CuffsDocument(
+        format=FORMAT,
+        origin=session.origin,
+        cuffs={
+            name: _cuff_entry(fit, donnings={key: _cuff_entry(one) for key, one in session.donnings[name].items()})
+            for name, fit in session.cuffs.items()
+        },
+        rejected=[
+            cuffs_schema.RejectedEntry(
+                file=trial.file,
+                reason=str(trial.reason),
+                reason_code=cuffs_schema.ReasonEntry.model_validate(trial.reason),
+                damage=list(trial.damage),
+            )
             for trial in session.rejected
         ],
-        "calibration": calibration_json(session.calibration),
-        "recordings": {file: {"standing": standing} for file, standing in session.recordings.items()},
-    }
-    return CuffsDocument.model_validate(plain)
+        calibration=_calibration_entry(session.calibration) if session.calibration else None,
+        recordings={
+            file: cuffs_schema.RecordingEntry(standing=standing) for file, standing in session.recordings.items()
+        },
+    )
 
 
-def _written(session: SessionFit, name: str) -> CuffEntry:
-    """A cuff as last donned, and in each donning."""
-    donnings = {donning: _plain_cuff(fit) for donning, fit in session.donnings[name].items()}
-    return CuffEntry.model_validate({**_plain_cuff(session.cuffs[name]), "donnings": donnings})
+def _known(**optional: Any) -> dict[str, Any]:
+    """The keys with a value; the others are left out of the file."""
+    return {key: value for key, value in optional.items() if value is not None}
 
 
-def _plain_cuff(fit: CuffFit) -> dict[str, Any]:
+def _cuff_entry(fit: CuffFit, donnings: Mapping[str, CuffEntry] | None = None) -> CuffEntry:
     """A figure that is not identified is null under its key, and its value is under "not_identified"."""
-    figures = _plain_estimates(fit)
+    figures = _figures(fit)
     doubtful = [QUANTITIES[name] for name in fit.missing]
-    return {
-        **figures,
-        **dict.fromkeys(doubtful, estimate_json(None)),
-        "not_identified": {key: figures[key] for key in doubtful},
-        "verdict": fit.verdict,
-        "verdict_codes": list(fit.verdicts),
-        "origin": fit.origin,
-        "site": fit.site,
-        "donning": fit.donning,
-        "covariance": fit.covariance.tolist(),
-        "notes": list(map(str, fit.notes)),
-        "note_codes": [note.to_plain() for note in fit.notes],
-        "diagnostics": dict(fit.diagnostics),
-        **({"lag": _plain_lag(fit.lag)} if fit.lag else {}),
-        **({"static": held_loads_json(fit.held)} if fit.held and fit.held.has_loads else {}),
-        "hysteresis_energy_j": estimate_json(fit.energy),
-        "complex_stiffness": bands_json(fit.complex_stiffness),
-        **_plain_tensors(fit.tensors),
-        "model_class": classes_json(fit.classes),
-        "diagnosis": diagnosis_json(fit.diagnosis),
-        "sources": dict(fit.sources),
-        "trials": [_plain_trial(trial) for trial in fit.trials],
-    }
+    held, tensors = fit.held, fit.tensors
+    return CuffEntry(
+        **_known(**figures | dict.fromkeys(doubtful, figure_entry(None))),
+        not_identified={key: figures[key] for key in doubtful},
+        verdict=fit.verdict,
+        verdict_codes=list(fit.verdicts),
+        origin=fit.origin,
+        site=fit.site,
+        donning=fit.donning,
+        covariance=fit.covariance.tolist(),
+        notes=list(map(str, fit.notes)),
+        note_codes=list(map(cuffs_schema.NoteEntry.model_validate, fit.notes)),
+        diagnostics=dict(fit.diagnostics),
+        **_known(
+            lag=_lag_entry(fit.lag) if fit.lag else None,
+            static=held_loads_entry(held) if held and held.has_loads else None,
+            stiffness_tensor_n_per_m=_tensor_entry(tensors.stiffness, tensors.no_stiffness) if tensors else None,
+            damping_tensor_n_s_per_m=_tensor_entry(tensors.damping, tensors.no_damping) if tensors else None,
+            donnings=donnings,
+        ),
+        hysteresis_energy_j=figure_entry(fit.energy),
+        complex_stiffness=list(map(_band_entry, fit.complex_stiffness)),
+        model_class=_class_entry(fit.classes) if fit.classes else None,
+        diagnosis=_diagnosis_entry(fit.diagnosis) if fit.diagnosis else None,
+        sources=dict(fit.sources),
+        trials=list(map(_trial_entry, fit.trials)),
+    )
 
 
-def _plain_tensors(tensors: Tensors | None) -> dict[str, Any]:
-    if tensors is None:
-        return {}
-    return {
-        "stiffness_tensor_n_per_m": tensor_json(tensors.stiffness, tensors.no_stiffness),
-        "damping_tensor_n_s_per_m": tensor_json(tensors.damping, tensors.no_damping),
-    }
+def _lag_entry(lag: Lag) -> cuffs_schema.LagEntry:
+    return cuffs_schema.LagEntry(
+        value_s=lag.value,
+        delay_standard_error_s=lag.delay_sd,
+        edge_standard_error_s=lag.edge_sd,
+        clock_rate_standard_error=lag.drift,
+        source=lag.source,
+    )
 
 
-def _plain_lag(lag: Lag) -> dict[str, Any]:
-    return {
-        "value_s": lag.value,
-        "delay_standard_error_s": lag.delay_sd,
-        "edge_standard_error_s": lag.edge_sd,
-        "clock_rate_standard_error": lag.drift,
-        "source": lag.source,
-    }
+def _trial_entry(trial: TrialFit) -> cuffs_schema.TrialEntry:
+    return cuffs_schema.TrialEntry(
+        file=trial.file,
+        test=trial.test,
+        repeat=trial.repeat,
+        run=trial.run,
+        state=trial.state,
+        reason=str(trial.reason or ""),
+        reason_code=cuffs_schema.ReasonEntry.model_validate(trial.reason) if trial.reason else None,
+        notes=list(map(str, trial.notes)),
+        note_codes=list(map(cuffs_schema.TrialNoteEntry.model_validate, trial.notes)),
+        origin=trial.origin,
+        damage=list(trial.damage),
+        sync=sync_entry(trial.sync) if trial.sync else None,
+        zero_drift_n=trial.zero_drift,
+        **_known(**_figures(trial), dynamic=_swing_entry(trial.swing) if trial.swing else None),
+    )
 
 
-def _plain_trial(trial: TrialFit) -> dict[str, Any]:
-    return {
-        "file": trial.file,
-        "test": trial.test,
-        "repeat": trial.repeat,
-        "run": trial.run,
-        "state": trial.state,
-        "reason": str(trial.reason) if trial.reason else "",
-        "reason_code": trial.reason.to_plain() if trial.reason else None,
-        "notes": list(map(str, trial.notes)),
-        "note_codes": [note.to_plain() for note in trial.notes],
-        "origin": trial.origin,
-        "damage": list(trial.damage),
-        "sync": None if trial.sync is None else trial.sync.to_plain(),
-        "zero_drift_n": trial.zero_drift,
-        **_plain_estimates(trial),
-        **({"dynamic": swing_json(trial.swing)} if trial.swing else {}),
-    }
+def sync_entry(certificate: SyncCertificate) -> cuffs_schema.SyncEntry:
+    """The sync certificate of a trial."""
+    ends = certificate.drift_ci95
+    return cuffs_schema.SyncEntry(
+        has_both_edges=certificate.has_both_edges,
+        offset_s=certificate.offset,
+        offset_standard_error_s=certificate.offset_sd,
+        clock_ratio_ppm=1e6 * certificate.drift,
+        clock_ratio_standard_error_ppm=1e6 * certificate.drift_sd,
+        clock_ratio_ci95_ppm=None if ends is None else [1e6 * end for end in ends],
+        clock_ratio_is_identified=certificate.is_identified,
+        stop_edge_contradiction_s=certificate.contradiction,
+        peak_force_rate_n_per_s=certificate.force_rate,
+        peak_speed_m_per_s=certificate.speed,
+        time_standard_error_s=certificate.errors.time,
+        force_standard_error_n=certificate.errors.force,
+        displacement_standard_error_m=certificate.errors.displacement,
+        findings=list(map(str, certificate.findings)),
+        finding_codes=list(map(cuffs_schema.TrialNoteEntry.model_validate, certificate.findings)),
+    )
 
 
-def _plain_estimates(fit: CuffFit | TrialFit) -> dict[str, Any]:
+def _figures(fit: CuffFit | TrialFit) -> dict[str, FigureEntry]:
     """Stiffness, damping and migration, with null where the trials give no figure."""
-    return {key: estimate_json(getattr(fit, name)) for name, key in QUANTITIES.items()}
+    return {key: figure_entry(getattr(fit, name)) for name, key in QUANTITIES.items()}
 
 
-def estimate_json(estimate: Estimate | None) -> dict[str, Any]:
+def figure_entry(estimate: Estimate | None) -> FigureEntry:
     """value, standard_error and ci95, or null without an estimate; parts and bound if they are known."""
     if estimate is None:
-        return {"value": None, "standard_error": None, "ci95": None}
-    plain: dict[str, Any] = {
-        "value": estimate.value,
-        "standard_error": estimate.standard_error,
-        "ci95": list(estimate.ci95),
-    }
-    if estimate.parts:
-        plain["parts"] = dict(estimate.parts)
-    if estimate.bound is not None:
-        plain["cramer_rao_bound"] = estimate.bound
-    return plain
+        return FigureEntry(value=None, standard_error=None, ci95=None)
+    return FigureEntry(
+        value=estimate.value,
+        standard_error=estimate.standard_error,
+        ci95=list(estimate.ci95),
+        **_known(parts=dict(estimate.parts) or None, cramer_rao_bound=estimate.bound),
+    )
 
 
-def tensor_json(tensor: Tensor | None, reason: Note | None) -> dict[str, Any]:
+def _tensor_entry(tensor: Tensor | None, reason: Note | None) -> cuffs_schema.TensorEntry:
     """A tensor, or null with the reason why there is none."""
     if tensor is None:
-        return {
-            "value": None,
-            "reason": str(reason) if reason else "",
-            "reason_code": reason.to_plain() if reason else None,
-        }
-    return {
-        "value": tensor.value.tolist(),
-        "standard_error": tensor.standard_error.tolist(),
-        "ci95": [end.tolist() for end in tensor.ci95],
-        "parts": {cause: entry_errors(covariance).tolist() for cause, covariance in tensor.parts.items()},
-        "covariance": tensor.covariance.tolist(),
-        "eigenvalues": [
-            {"value": eigenvalue.value, "standard_error": eigenvalue.standard_error, "ci95": list(eigenvalue.ci95)}
-            for eigenvalue in tensor.eigenvalues
-        ],
-        "axes": tensor.axes.tolist(),
-        "axes_ci95_rad": list(tensor.axis_ci95),
-        "directions": tensor.directions,
-    }
+        code = cuffs_schema.TensorReasonEntry.model_validate(reason) if reason else None
+        return cuffs_schema.TensorEntry(value=None, reason=str(reason or ""), reason_code=code)
+    return cuffs_schema.TensorEntry(
+        value=tensor.value.tolist(),
+        standard_error=tensor.standard_error.tolist(),
+        ci95=[end.tolist() for end in tensor.ci95],
+        parts={cause: entry_errors(covariance).tolist() for cause, covariance in tensor.parts.items()},
+        covariance=tensor.covariance.tolist(),
+        eigenvalues=list(map(figure_entry, tensor.eigenvalues)),
+        axes=tensor.axes.tolist(),
+        axes_ci95_rad=list(tensor.axis_ci95),
+        directions=tensor.directions,
+    )
 
 
-def held_loads_json(held: HeldLoads) -> dict[str, Any]:
+def held_loads_entry(held: HeldLoads) -> cuffs_schema.HeldLoadsEntry:
     """Results of the held loads other than the stiffness."""
-    law, creep = held.stiffness.law, held.creep
-    plain: dict[str, Any] = {
-        "hold_s": held.hold,
-        "zero_drift_n_per_s": estimate_json(held.drift),
-        "hysteresis_energy_j": estimate_json(held.energy),
-        "slip_m": held.stiffness.slip,
-        "steps_s": {file: list(times) for file, times in held.steps.items()},
-    }
-    if creep is not None:
-        plain["creep"] = {
-            "is_seen": creep.is_seen,
-            "fraction": estimate_json(creep.fraction if creep.explains else None),
-            "time_constant_s": creep.time_constant if creep.explains else None,
-            "stiffness_at_rest_n_per_m": estimate_json(creep.stiffness_at_rest if creep.explains else None),
-        }
-    if law is not None:
-        plain["exponential_law"] = {
-            "stiffening_per_m": estimate_json(law.stiffening),
-            "tangents": [{"force_n": load, "stiffness_n_per_m": estimate_json(k)} for load, k in held.tangents],
-        }
-    return plain
+    law = held.stiffness.law
+    return cuffs_schema.HeldLoadsEntry(
+        hold_s=held.hold,
+        zero_drift_n_per_s=figure_entry(held.drift),
+        hysteresis_energy_j=figure_entry(held.energy),
+        slip_m=held.stiffness.slip,
+        steps_s={file: list(times) for file, times in held.steps.items()},
+        **_known(
+            creep=_creep_entry(held.creep) if held.creep else None,
+            exponential_law=law
+            and cuffs_schema.ExponentialLawEntry(
+                stiffening_per_m=figure_entry(law.stiffening),
+                tangents=[
+                    cuffs_schema.TangentEntry(force_n=load, stiffness_n_per_m=figure_entry(k))
+                    for load, k in held.tangents
+                ],
+            ),
+        ),
+    )
 
 
-def swing_json(fit: DampingFit) -> dict[str, Any]:
+def _creep_entry(creep: Creep) -> cuffs_schema.CreepEntry:
+    return cuffs_schema.CreepEntry(
+        is_seen=creep.is_seen,
+        fraction=figure_entry(creep.fraction if creep.explains else None),
+        time_constant_s=creep.time_constant if creep.explains else None,
+        stiffness_at_rest_n_per_m=figure_entry(creep.stiffness_at_rest if creep.explains else None),
+    )
+
+
+def _swing_entry(fit: DampingFit) -> cuffs_schema.SwingEntry:
     """Results of a dynamic trial other than its damping."""
-    return {
-        "method": fit.method,
-        "outcome": fit.outcome,
-        "frequency_hz": fit.oscillation.frequency,
-        "force_amplitude_n": fit.oscillation.amplitude,
-        "dynamic_stiffness_n_per_m": estimate_json(fit.stiffness),
-        "hysteresis_energy_j": estimate_json(fit.energy),
-        "lag_s": fit.lag,
-        "force_noise_n": fit.force_noise,
-        "marker_noise_m": fit.marker_noise,
-        "marker_noise_correlation": fit.checks.marker_correlation,
-        "residual_at_harmonics_n": list(fit.checks.harmonics),
-        "residual_between_harmonics_n": fit.checks.harmonic_noise,
-        "cross_checks": [
-            {
-                "method": other.method,
-                "stiffness_n_per_m": estimate_json(other.stiffness),
-                "damping_n_s_per_m": estimate_json(other.damping),
-            }
+    return cuffs_schema.SwingEntry(
+        method=fit.method,
+        outcome=fit.outcome,
+        frequency_hz=fit.oscillation.frequency,
+        force_amplitude_n=fit.oscillation.amplitude,
+        dynamic_stiffness_n_per_m=figure_entry(fit.stiffness),
+        hysteresis_energy_j=figure_entry(fit.energy),
+        lag_s=fit.lag,
+        force_noise_n=fit.force_noise,
+        marker_noise_m=fit.marker_noise,
+        marker_noise_correlation=fit.checks.marker_correlation,
+        residual_at_harmonics_n=list(fit.checks.harmonics),
+        residual_between_harmonics_n=fit.checks.harmonic_noise,
+        cross_checks=[
+            cuffs_schema.CrossCheckEntry(
+                method=other.method,
+                stiffness_n_per_m=figure_entry(other.stiffness),
+                damping_n_s_per_m=figure_entry(other.damping),
+            )
             for other in fit.checks.others
         ],
-        "complex_stiffness": bands_json(fit.checks.complex_stiffness),
-    }
+        complex_stiffness=list(map(_band_entry, fit.checks.complex_stiffness)),
+    )
 
 
-def calibration_json(calibration: Calibration | None) -> dict[str, Any] | None:
-    """Calibration of the load cell by bounce trials, and when the newest was recorded; null without one."""
-    if calibration is None:
-        return None
+def _calibration_entry(calibration: Calibration) -> cuffs_schema.CalibrationEntry:
+    """Calibration of the load cell by bounce trials, and when the newest was recorded."""
     recorded = datetime.fromtimestamp(calibration.recorded_utc_ns // 1_000_000_000, UTC)
-    return {
-        "lag_s": estimate_json(calibration.lag),
-        "gain": estimate_json(calibration.gain),
-        "gain_is_used": calibration.is_gain_used,
-        "zero_n": estimate_json(calibration.zero),
-        "recorded_utc": recorded.isoformat(),
-        "sources": dict(calibration.sources),
-        "notes": list(map(str, calibration.notes)),
-        "note_codes": [note.to_plain() for note in calibration.notes],
-    }
+    return cuffs_schema.CalibrationEntry(
+        lag_s=figure_entry(calibration.lag),
+        gain=figure_entry(calibration.gain),
+        gain_is_used=calibration.is_gain_used,
+        zero_n=figure_entry(calibration.zero),
+        recorded_utc=recorded.isoformat(),
+        sources=dict(calibration.sources),
+        notes=list(map(str, calibration.notes)),
+        note_codes=list(map(cuffs_schema.TrialNoteEntry.model_validate, calibration.notes)),
+    )
 
 
-def bands_json(bands: Sequence[ComplexStiffness]) -> list[dict[str, Any]]:
-    """K*(f) = k + i 2πf c in bands of frequency."""
-    return [
-        {
-            "frequency_hz": band.frequency,
-            "stiffness_n_per_m": estimate_json(band.stiffness),
-            "damping_n_s_per_m": estimate_json(band.damping),
-        }
-        for band in bands
-    ]
+def _band_entry(band: ComplexStiffness) -> cuffs_schema.BandEntry:
+    """K*(f) = k + i 2πf c in a band of frequency."""
+    return cuffs_schema.BandEntry(
+        frequency_hz=band.frequency,
+        stiffness_n_per_m=figure_entry(band.stiffness),
+        damping_n_s_per_m=figure_entry(band.damping),
+    )
 
 
-def classes_json(classes: ModelComparison | None) -> dict[str, Any] | None:
+def _class_entry(classes: ModelComparison) -> cuffs_schema.ModelClassEntry:
     """The chosen law and the ranking, best first."""
-    if classes is None:
-        return None
-    return {
-        "chosen": classes.name,
-        "extensions": list(classes.chosen),
-        "ranking": [
-            {"class": score.name, "left_over_n": score.residual_rms, "gain": score.gain} for score in classes.ranking
-        ],
-    }
+    ranking = [
+        cuffs_schema.ClassEntry.model_validate(
+            {"class": score.name, "left_over_n": score.residual_rms, "gain": score.gain}
+        )
+        for score in classes.ranking
+    ]
+    return cuffs_schema.ModelClassEntry(chosen=classes.name, extensions=list(classes.chosen), ranking=ranking)
 
 
-def diagnosis_json(diagnosis: Diagnosis | None) -> dict[str, Any] | None:
+def _diagnosis_entry(diagnosis: Diagnosis) -> cuffs_schema.DiagnosisEntry:
     """Checks D1 to D8 in order, and causes, most severe first."""
-    if diagnosis is None:
-        return None
-    return {
-        "findings": [
-            {
-                "code": finding.check,
-                "finding": finding.code,
-                "name": finding.name,
-                "value": finding.value,
-                "standard_error": finding.standard_error,
-                "unit": finding.unit,
-                "alarm": finding.is_alarm,
-                "figures": dict(finding.more),
-                "sentence": finding.sentence,
-            }
-            for finding in diagnosis.findings
-        ],
-        "causes": [
-            {
-                "cause": cause.name,
-                "code": cause.code,
-                "severity": cause.severity,
-                "figures": dict(cause.figures),
-                "finding": cause.finding.code if cause.finding else None,
-                "sentence": cause.sentence,
-            }
-            for cause in diagnosis.causes
-        ],
-    }
+    findings = [
+        cuffs_schema.FindingEntry(
+            code=finding.check,
+            finding=finding.code,
+            name=finding.name,
+            value=finding.value,
+            standard_error=finding.standard_error,
+            unit=finding.unit,
+            alarm=finding.is_alarm,
+            figures=dict(finding.more),
+            sentence=finding.sentence,
+        )
+        for finding in diagnosis.findings
+    ]
+    causes = [
+        cuffs_schema.CauseEntry(
+            cause=cause.name,
+            code=cause.code,
+            severity=cause.severity,
+            figures=dict(cause.figures),
+            finding=cause.finding.code if cause.finding else None,
+            sentence=cause.sentence,
+        )
+        for cause in diagnosis.causes
+    ]
+    return cuffs_schema.DiagnosisEntry(findings=findings, causes=causes)
 
 
 CUFFS_FILE = "cuffs.json"

@@ -17,7 +17,7 @@ from fitting.results.codes import EXPLAINED_BY, CauseCode, FindingCode, FitOutco
 from fitting.results.trial_codes import RejectionCode, TensorCode, TrialNoteCode
 from recordings.manifest import DataOrigin
 
-FORMAT = 1
+FORMAT: Literal[1] = 1
 """Version of the file format. It increases when a key changes its meaning; a file without one has this one."""
 
 ROUNDING = 1e-6
@@ -61,7 +61,11 @@ Figure = Annotated[FigureEntry, BeforeValidator(_with_value, json_schema_input_t
 
 
 class _CodeEntry(_Entry):
-    figures: dict[str, float | str] = Field(default_factory=dict, description="in SI with the unit in the name")
+    model_config = ConfigDict(from_attributes=True)  # of a note
+
+    figures: Annotated[dict[str, float | str], Field(strict=False)] = Field(
+        default_factory=dict, description="in SI with the unit in the name"
+    )
 
 
 class NoteEntry(_CodeEntry):

@@ -446,26 +446,6 @@ class SyncCertificate:
             figures |= {"lowest_drift": self.drift_ci95[0], "highest_drift": self.drift_ci95[1]}
         return Note(TrialNoteCode.SYNC_CERTIFICATE, figures)
 
-    def to_plain(self) -> dict[str, object]:
-        """As JSON."""
-        return {
-            "has_both_edges": self.has_both_edges,
-            "offset_s": self.offset,
-            "offset_standard_error_s": self.offset_sd,
-            "clock_ratio_ppm": 1e6 * self.drift,
-            "clock_ratio_standard_error_ppm": 1e6 * self.drift_sd,
-            "clock_ratio_ci95_ppm": None if self.drift_ci95 is None else [1e6 * end for end in self.drift_ci95],
-            "clock_ratio_is_identified": self.is_identified,
-            "stop_edge_contradiction_s": self.contradiction,
-            "peak_force_rate_n_per_s": self.force_rate,
-            "peak_speed_m_per_s": self.speed,
-            "time_standard_error_s": self.errors.time,
-            "force_standard_error_n": self.errors.force,
-            "displacement_standard_error_m": self.errors.displacement,
-            "findings": list(map(str, self.findings)),
-            "finding_codes": [note.to_plain() for note in self.findings],
-        }
-
 
 def certify(manifest: Manifest, decimated: Mapping[str, Track]) -> SyncCertificate | None:
     """Sync certificate from decimated tracks (decimation.py); None without a sync line. Raises UnusableTrial."""

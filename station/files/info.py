@@ -32,12 +32,14 @@ def show_contents(path: Path, *, as_json: bool) -> int:
         contents, certificate, sentence = _read(path)
     standing = check_hash(path)
     if as_json:
+        from fitting.cuffs.cuffs_file import sync_entry  # all steps of a fit behind it take long to import
+
         origin = contents.manifest.origin if contents.manifest else DataOrigin.UNKNOWN
         plain = {
             **json.loads(contents.to_json()),
             "origin": origin,
             "checked": standing,
-            "sync": None if certificate is None else certificate.to_plain(),
+            "sync": sync_entry(certificate).model_dump(mode="json") if certificate else None,
             "sync_sentence": sentence,
         }
         print(json.dumps(plain, indent=2, ensure_ascii=False))

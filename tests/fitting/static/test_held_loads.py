@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from scipy import optimize, signal, stats
 
-from fitting.cuffs.cuffs_file import held_loads_json
+from fitting.cuffs.cuffs_file import held_loads_entry
 from fitting.pull.plateaus import Plateau, find_plateaus
 from fitting.pull.pull import Pull, make_pulls
 from fitting.results.codes import FitOutcome, NoteCode
@@ -249,13 +249,13 @@ def test_what_a_slipping_cuff_takes_in_a_cycle_is_the_work_of_its_friction() -> 
 
 
 def test_cuffs_json_gets_all_of_it_in_units() -> None:
-    plain = held_loads_json(_fit(CREEPING, 1))
-    assert 3.0 < plain["hold_s"] < 8.0
-    assert plain["creep"]["is_seen"] is True
-    assert [each["force_n"] for each in plain["exponential_law"]["tangents"]] == pytest.approx(
-        np.linspace(0, 75, 5), abs=0.5
-    )
-    (steps,) = plain["steps_s"].values()
+    entry = held_loads_entry(_fit(CREEPING, 1))
+    assert 3.0 < entry.hold_s < 8.0
+    assert entry.creep is not None and entry.creep.is_seen
+    assert entry.exponential_law is not None
+    forces = [tangent.force_n for tangent in entry.exponential_law.tangents]
+    assert forces == pytest.approx(np.linspace(0, 75, 5), abs=0.5)
+    (steps,) = entry.steps_s.values()
     np.testing.assert_allclose(steps, 8.0 * np.arange(1, 11), atol=1.0)
 
 

@@ -11,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from fitting.cuffs.cuffs_file import sync_entry
 from fitting.errors import UnusableTrial
 from fitting.results.codes import Verdict
 from fitting.results.sentences import Note
@@ -260,7 +261,7 @@ def test_clocks_far_apart_are_covered_and_named_where_a_missing_frame_explains_t
     missing = figures_by_code(trial.notes).get(TrialNoteCode.CLOCKS_OR_FRAMES, {})
     assert missing.get("frames") == (1 if ppm > 100 else None)
     assert ("lowest_drift" in found.summary.figures) == (ppm > 100)
-    assert found.to_plain()["clock_ratio_is_identified"] == (ppm < 100)  # type: ignore[index]
+    assert sync_entry(found).clock_ratio_is_identified == (ppm < 100)
 
 
 @pytest.mark.parametrize(("ppm", "seed"), [(-200, 1), (-120, 2), (0, 1), (140, 2)])

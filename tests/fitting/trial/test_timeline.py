@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from fitting.cuffs.cuffs_file import sync_entry
 from fitting.results.trial_codes import RejectionCode, TrialNoteCode
 from fitting.trial.decimation import Decimator, decimate, highest_rate
 from fitting.trial.timeline import (
@@ -419,7 +420,8 @@ def test_the_certificate_of_uniform_edges_has_their_closed_form(has_stop: bool) 
     edge_sd, half_width = 1e-3 / np.sqrt(12), (1 - np.sqrt(0.05)) * 1e-3 / 3
     drift_sd = np.sqrt(2) * edge_sd / 3 if has_stop else 50e-6
     time_sd = edge_sd if has_stop else np.hypot(edge_sd, 2.99 * drift_sd)
-    stated = {key: value for key, value in found.to_plain().items() if "finding" not in key}
+    entry = sync_entry(found)
+    stated = entry.model_dump(exclude={"findings", "finding_codes"})
     assert stated == {
         "has_both_edges": has_stop,
         "offset_s": pytest.approx(1.9995),
@@ -436,8 +438,10 @@ def test_the_certificate_of_uniform_edges_has_their_closed_form(has_stop: bool) 
         "displacement_standard_error_m": pytest.approx(0.1 * time_sd, rel=1e-3),
     }
     assert [note.code for note in found.findings] == ([] if has_stop else [TrialNoteCode.SYNC_NO_STOP])
-    assert found.to_plain()["finding_codes"] == [note.to_plain() for note in found.findings]
-    assert found.to_plain()["findings"] == list(map(str, found.findings))
+    assert [(note.code, note.figures) for note in entry.finding_codes] == [
+        (one.code, one.figures) for one in found.findings
+    ]
+    assert entry.findings == list(map(str, found.findings))
     figures = found.summary.figures
     common = {"offset_sd_s": found.offset_sd, "time_sd_s": found.errors.time, "force_sd_n": found.errors.force}
     common |= {"force_rate_n_per_s": found.force_rate, "displacement_sd_m": found.errors.displacement}
