@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from enum import StrEnum
 
-from documents.message import Message
+from documents.message import Code, Message, join_sentences
 from fitting.results.codes import EXPLAINED_BY, CauseCode, FindingCode, FitErrorCode, NoteCode, Verdict
 from fitting.results.trial_codes import RejectionCode, TensorCode, TrialNoteCode
 
@@ -40,14 +40,19 @@ NAMES: Mapping[StrEnum, str] = {
 }
 
 
-def verdict_sentences(verdicts: Iterable[Verdict], notes: Iterable[Note] = ()) -> tuple[str, ...]:
-    """The verdicts as sentences. A note on a trial that ended early leads and replaces those that it explains."""
+def verdict_messages(verdicts: Iterable[Verdict], notes: Iterable[Note] = ()) -> tuple[Message[Code], ...]:
+    """The verdicts as messages. A note on a trial that ended early leads and replaces those that it explains."""
     verdicts = tuple(verdicts)
     causes = [note for note in notes if set(EXPLAINED_BY.get(note.code, ())) & set(verdicts)]
     explained = {verdict for note in causes for verdict in EXPLAINED_BY[note.code]}
-    return (*map(str, causes), *(verdict.sentence() for verdict in verdicts if verdict not in explained))
+    return (*causes, *(Message(verdict) for verdict in verdicts if verdict not in explained))
+
+
+def verdict_sentences(verdicts: Iterable[Verdict], notes: Iterable[Note] = ()) -> tuple[str, ...]:
+    """The same as sentences."""
+    return tuple(map(str, verdict_messages(verdicts, notes)))
 
 
 def verdict_text(verdicts: Iterable[Verdict], notes: Iterable[Note] = ()) -> str:
     """All verdicts as one text."""
-    return "; ".join(verdict_sentences(verdicts, notes))
+    return join_sentences(verdict_messages(verdicts, notes))

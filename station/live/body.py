@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from documents.message import Message
+from documents.message import Message, because
 from fitting.cuffs.cuffs_file import CUFFS_FILE
 from fitting.cuffs.wearable_cuff import Cuff
 from fitting.errors import FitError
@@ -96,12 +96,12 @@ def live_body(folder: Path, settings: LiveSection, before_utc_ns: int) -> LiveBo
     suit = read_suit(settings.suit or BUNDLED_SUIT)
     if settings.model:
         declared = _declared(folder)
-        return _generic(generic, suit, declared, is_scaled=True)
+        return _generic(generic, suit, declared)
     try:
         declared = read_subject(folder)
         trials = read_wearer_trials(folder, before_utc_ns)
         if not trials:
-            return _generic(generic, suit, declared, "the session has no earlier pose or motion trial")
+            return _generic(generic, suit, declared, Message(LiveCode.NO_EARLIER_TRIAL))
         wearer = smooth_subject(measure_subject(declared, trials, generic))
         digitised = fit_suit(wearer, suit)
         return LiveBody(
@@ -115,8 +115,9 @@ def live_body(folder: Path, settings: LiveSection, before_utc_ns: int) -> LiveBo
             is_scaled=True,
         )
     except UNUSABLE as error:
-        reason = str(error) if (folder / SUBJECT_FILE).exists() else f"the session has no {SUBJECT_FILE}"
-        return _generic(generic, suit, _declared(folder), reason)
+        has_file = (folder / SUBJECT_FILE).exists()
+        cause = error if has_file else Message(LiveCode.NO_SUBJECT, {"file": SUBJECT_FILE})
+        return _generic(generic, suit, _declared(folder), cause)
 
 
 def live_scenarios(
@@ -171,11 +172,12 @@ def _arm_cuff(cuffs: dict[str, Cuff], name: str) -> CuffParameters:
 
 
 def _generic(
-    generic: Model, suit: Suit, declared: Subject | None, reason: str = "", *, is_scaled: bool = False
+    generic: Model, suit: Suit, declared: Subject | None, cause: Exception | Message[LiveCode] | None = None
 ) -> LiveBody:
+    """The body without the wearer's measurements, and the cause; a model of the configuration has none."""
     model, names, _ = with_marker_set(generic, declared.marker_set if declared else "")
     markers = tuple(marker for marker in model.markers if marker.name in names)
-    finding = Message(LiveCode.GENERIC_BODY, {"model": model.name, "reason": reason})
+    finding = cause and Message(LiveCode.GENERIC_BODY, {"model": model.name, **because(cause)})
     return LiveBody(
         model=model,
         tasks=TrackingTasks(markers, np.ones(len(markers))),
@@ -183,8 +185,8 @@ def _generic(
         vertical=declared.vertical if declared else "z",
         marker_names=declared.markers if declared else {},
         cord=declared.cord if declared else None,
-        is_scaled=is_scaled,
-        findings=() if is_scaled else (finding,),
+        is_scaled=finding is None,
+        findings=(finding,) if finding else (),
     )
 
 

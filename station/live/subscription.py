@@ -28,7 +28,7 @@ from pydantic import ValidationError
 
 from documents.message import Message, because
 from documents.plain_data import PlainDataError, parse_json
-from documents.regular_file import describe_failure, read_regular
+from documents.regular_file import read_regular
 from station.errors import StationError
 from station.live.published import SETUP, UPDATE, LiveSetup, LiveUpdate, update_line
 from station.messages.live_messages import LiveCode
@@ -334,13 +334,13 @@ def find_address(folder: Path) -> LiveAddress | None:
     except FileNotFoundError:
         return None
     except (OSError, PlainDataError) as error:
-        return _ignored(path, describe_failure(error))
+        return _ignored(path, **because(error))
     port, token = (found.get("port"), found.get("token")) if isinstance(found, dict) else (None, None)
     if isinstance(port, int) and 0 < port < 65536 and isinstance(token, str):
         return LiveAddress(port, token)
-    return _ignored(path, "it has no port from 1 to 65535 with a token")
+    return _ignored(path, **because(Message(LiveCode.NO_PORT)))
 
 
 @cache
-def _ignored(path: Path, reason: str) -> None:
-    print(Message(LiveCode.WRONG_ADDRESS, {"path": str(path), "reason": reason}), file=sys.stderr, flush=True)
+def _ignored(path: Path, **cause: float | str) -> None:
+    print(Message(LiveCode.WRONG_ADDRESS, {"path": str(path), **cause}), file=sys.stderr, flush=True)

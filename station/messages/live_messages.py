@@ -12,6 +12,8 @@ class LiveCode(Code):
         "live.generic_body",
         "generic body {model}, not scaled to the wearer ({reason}): effort and forces are those of an average person",
     )
+    NO_SUBJECT = "live.no_subject", "the session has no {file}"
+    NO_EARLIER_TRIAL = "live.no_earlier_trial", "the session has no earlier pose or motion trial"
     NO_GLENOID = (
         "live.no_glenoid",
         "{model} has no glenoid markers: muscles are solved without the constraint that keeps the joint force in the "
@@ -74,6 +76,7 @@ class LiveCode(Code):
         "no live process answers; it runs while a trial is recorded with [live] enabled = true",
     )
     WRONG_ADDRESS = "live.wrong_address", "{path} is ignored, it is no address of a live process: {reason}; delete it"
+    NO_PORT = "live.no_port", "it has no port from 1 to 65535 with a token"
     NOT_ANNOUNCED = (
         "live.not_announced",
         "no view can show the live values: {path} cannot be written ({reason}); remove it before the next trial; the "

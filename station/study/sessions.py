@@ -10,8 +10,9 @@ from pathlib import Path
 from documents.message import Figures, Message, because, join_sentences
 from fitting.cuffs.cuffs_file import CUFFS_FILE, CuffsFileError, read_cuffs_document
 from fitting.cuffs.wearable_cuff import QUANTITIES
+from fitting.results.codes import Verdict
 from fitting.results.cuffs_schema import CuffEntry, CuffsDocument, FigureEntry, TrialEntry
-from fitting.results.sentences import Note, verdict_text
+from fitting.results.sentences import Note, verdict_messages
 from fitting.study.cuff_study import Observation
 from recordings.manifest import DataOrigin
 from station.checksums import JOURNAL_FILE, sha256_of
@@ -109,9 +110,7 @@ def select_measurements(
         for donning, fitted in (entry.donnings or {str(entry.donning): entry}).items():
             if getattr(fitted, QUANTITIES[quantity]).value is None:
                 figures = {"session": session.folder.name, "quantity": quantity, "cuff": cuff, "donning": donning}
-                notes = (Note(note.code, note.figures) for note in fitted.note_codes)
-                reason = verdict_text(fitted.verdict_codes, notes) or fitted.verdict or "no value"
-                left_out.append(Message(StudyCode.NOT_IDENTIFIED, {**figures, "reason": reason}))
+                left_out.append(Message(StudyCode.NOT_IDENTIFIED, {**_reason(fitted), **figures}))
                 continue
             values = [*_values(fitted, quantity)]
             found.setdefault(cuff, []).extend(
@@ -144,6 +143,13 @@ def _values(fitted: CuffEntry, quantity: str) -> Iterator[tuple[int, FigureEntry
     figures = [(trial.repeat, getattr(trial, QUANTITIES[quantity])) for trial in trials]
     known = [(repeat, figure) for repeat, figure in figures if figure.value is not None]
     yield from known or [(1, getattr(fitted, QUANTITIES[quantity]))]
+
+
+def _reason(fitted: CuffEntry) -> Figures:
+    """Why a donning lacks a value: all verdicts as sentences, and the first of them as a code with its figures."""
+    notes = (Note(note.code, note.figures) for note in fitted.note_codes)
+    first, *others = verdict_messages(fitted.verdict_codes or [Verdict.GIVEN], notes)
+    return {**first.figures, "reason": join_sentences([first, *others]), "reason_code": first.code.value}
 
 
 def _measurement(session: StudySession, cuff: str, donning: str, repeat: int, figure: FigureEntry) -> Observation:

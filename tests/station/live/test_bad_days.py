@@ -121,6 +121,8 @@ def test_markers_of_another_set_are_refused_with_their_names(wearer: WearerSessi
 def test_the_generic_body_is_named_where_the_session_has_none(plan: PreparedTrial, wearer: WearerSession) -> None:
     _, kept = solve(plan, part_of(wearer, 20))
     assert LiveCode.GENERIC_BODY in kept.codes and kept.setup is not None
+    (finding,) = (one for one in plan.plan.body.findings if one.code is LiveCode.GENERIC_BODY)
+    assert finding.figures["reason_code"] == LiveCode.NO_SUBJECT
     assert not kept.setup.subject.is_scaled and kept.setup.subject.name == "thoracoscapular"
 
 

@@ -14,6 +14,8 @@ import pytest
 from pydantic import ValidationError
 
 from documents.message import Message
+from fitting.results.codes import NoteCode, Verdict
+from fitting.results.cuffs_schema import FigureEntry, NoteEntry
 from fitting.study.cuff_study import ComparisonOutcome, ReliabilityOutcome, StudyOutcome
 from fitting.study.variance_components import ComponentOutcome
 from station.charts.marks import Strip
@@ -22,7 +24,7 @@ from station.config import load_config
 from station.messages.setup_messages import FolderCode
 from station.messages.study_messages import PlanCode, StudyCode
 from station.study.designs import DesignOutcome, find_designs, planned_config, read_study_plan, session_minutes
-from station.study.sessions import StudyError, read_session, read_sessions
+from station.study.sessions import StudyError, read_session, read_sessions, select_measurements
 from station.study.study_document import NormativePlace, StudyDocument, make_study, read_normative
 from station.study.study_page import forest_chart
 from tests.refusals import raises_refusal
@@ -133,7 +135,25 @@ def test_sessions_and_donnings_that_cannot_be_used_are_listed_by_code(folder: Pa
         "study.session_unreadable",
         "study.not_identified",
     ]
+    assert made.left_out[-1].figures["reason_code"] == Verdict.LAG
     assert len(made.sessions) == 13
+
+
+def test_a_trial_that_ended_early_is_the_reason_for_a_missing_value_with_its_figures(folder: Path) -> None:
+    session = read_session(sorted(folder.iterdir())[0])
+    assert not isinstance(session, Message)
+    note = NoteEntry(code=NoteCode.STOPPED_LOADING, figures={"repeat": 2.0, "count": 3.0, "total": 5.0})
+    changes = {
+        "stiffness_n_per_m": FigureEntry(),
+        "verdict_codes": [Verdict.FEW_LOADS],
+        "note_codes": [note],
+        "donnings": {},
+    }
+    cuffs = {"hand": session.cuffs.cuffs["hand"].model_copy(update=changes)}
+    shortened = replace(session, cuffs=session.cuffs.model_copy(update={"cuffs": cuffs}))
+    _, (left_out,) = select_measurements(shortened, "stiffness")
+    assert left_out.figures["reason_code"] == NoteCode.STOPPED_LOADING
+    assert left_out.figures["reason"] == NoteCode.STOPPED_LOADING.sentence(left_out.figures)
 
 
 def test_measured_and_simulated_sessions_are_not_mixed(tmp_path: Path) -> None:
