@@ -37,7 +37,7 @@ from station.report.muscle_figures import (
     muscle_changes,
     reduction_figure,
 )
-from station.report.pictures import Picture
+from station.report.pictures import Picture, PlannedPicture
 from station.sources import without_hash
 from station.subject.subject_document import SubjectDocument
 
@@ -111,23 +111,23 @@ def suit_places(assessment: AssessmentDocument) -> Mapping[str, str]:
     return assessment.suit_names or {part: part for part in PARTS}
 
 
-def effort_figures(assessment: AssessmentDocument) -> list[Picture]:
+def effort_figures(assessment: AssessmentDocument) -> list[PlannedPicture]:
     """The first page's picture of the muscles: effort over the rest length with every arm cuff."""
     uncertainty = assessment.uncertainty
     bands = f"; shaded: 95 % bands of {uncertainty.people.value:.0f} drawn people" if uncertainty else ""
     caption = (
         f"Effort over the rest length of the cord, with migration and compliance{bands}. Small dots: lengths solved"
     )
-    return [Picture(partial(cuffs_figure, assessment), caption, is_printed=True)] if assessment.cost.arms else []
+    return [PlannedPicture(partial(cuffs_figure, assessment), caption, is_printed=True)] if assessment.cost.arms else []
 
 
-def suit_figures(assessment: AssessmentDocument, folder: Path) -> list[Picture]:
+def suit_figures(assessment: AssessmentDocument, folder: Path) -> list[PlannedPicture]:
     """Muscle effort of every arm cuff, activations and their change if they are in the folder, and EMG."""
     waist = f" and the {suit_places(assessment)['waist']} cuff" if assessment.waist_cuff else ""
     figures = []
     if assessment.cost.arms:
         caption = f"Effort over the rest length of the cord in every condition, with the named cuff{waist}"
-        figures.append(Picture(partial(cost_figure, assessment), caption, is_wide=True))
+        figures.append(PlannedPicture(partial(cost_figure, assessment), caption, is_wide=True))
     if (folder / ACTIVATIONS_FILE).is_file():
         at = f"at a rest length of {assessment.reference_rest_length_m.value:.3f} m"
         activations = read_activations(folder / ACTIVATIONS_FILE)
@@ -138,7 +138,7 @@ def suit_figures(assessment: AssessmentDocument, folder: Path) -> list[Picture]:
         ]
     if assessment.emg:
         caption = "Reduction of the mean activation, relative to a slack cord, in the model and in the EMG"
-        figures.append(Picture(partial(reduction_figure, assessment), caption, is_wide=True, is_printed=True))
+        figures.append(PlannedPicture(partial(reduction_figure, assessment), caption, is_wide=True, is_printed=True))
     return figures
 
 
@@ -150,27 +150,27 @@ def _best_arm(assessment: AssessmentDocument, activations: pd.DataFrame) -> str 
     return min(known, key=known.__getitem__) if known else None
 
 
-def _body_figures(assessment: AssessmentDocument, activations: pd.DataFrame, at: str) -> Iterator[Picture]:
+def _body_figures(assessment: AssessmentDocument, activations: pd.DataFrame, at: str) -> Iterator[PlannedPicture]:
     """With the arm cuff of the least effort."""
     cuff = _best_arm(assessment, activations)
     if cuff and assessment.postures:
         chosen = postures_text(assessment.postures)
         caption = f"Change of activation from a slack cord to the {cuff} cuff {at}, {CONDITIONS['both']}: {chosen}"
         plan = partial(body_figure, assessment.postures, activations, cuff, suit_places(assessment))
-        yield Picture(plan, caption, is_wide=True, is_printed=True)
+        yield PlannedPicture(plan, caption, is_wide=True, is_printed=True)
 
 
-def _activation_figures(assessment: AssessmentDocument, activations: pd.DataFrame, at: str) -> Iterator[Picture]:
+def _activation_figures(assessment: AssessmentDocument, activations: pd.DataFrame, at: str) -> Iterator[PlannedPicture]:
     """The change of every muscle's mean activation; activations over time with the arm cuff of the least effort."""
     changes = muscle_changes(activations, list(assessment.cost.arms))
     caption = f"Mean activation of each muscle {at}, with migration and compliance, and its change"
     rest = ", ".join(muscle.muscle for muscle in changes if muscle.is_at_rest)
     at_rest = f". At rest throughout (below {LEAST_SHOWN}): {rest}" if rest else ""
-    yield Picture(partial(change_figure, changes), caption + at_rest, is_wide=True)
+    yield PlannedPicture(partial(change_figure, changes), caption + at_rest, is_wide=True)
     cuff = _best_arm(assessment, activations)
     if cuff:
         over_time = f"Activations over time {at}, {cuff} cuff; muscles at rest are left out"
-        yield Picture(partial(activation_figure, activations, cuff), over_time, is_wide=True)
+        yield PlannedPicture(partial(activation_figure, activations, cuff), over_time, is_wide=True)
 
 
 def _rows(part: AssessedMotionEntry) -> list[dict[str, NumberEntry | str]]:

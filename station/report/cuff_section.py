@@ -35,7 +35,7 @@ from station.report.numbers import (
     saving,
     worn,
 )
-from station.report.pictures import Picture
+from station.report.pictures import Picture, PlannedPicture
 from station.report.report_file import Source
 from station.study.study_document import (
     NORMATIVE_FILE,
@@ -153,16 +153,16 @@ def cuff_estimate(fit: Cuff, quantity: str) -> NumberEntry | None:
     return located(number, source.child(QUANTITIES[quantity]))
 
 
-def cuff_figures(fit: CuffFit, truth: TrueCuff | None = None) -> list[Picture]:
+def cuff_figures(fit: CuffFit, truth: TrueCuff | None = None) -> list[PlannedPicture]:
     """Of one cuff: its fit, and what checks it."""
     found = [fit.pulls[file] for file in fit.sources if file in fit.pulls]
     static = [curves for curves in found if curves.pull.trial.test == "static"]
     dynamic = [curves for curves in found if curves.pull.trial.test == "dynamic"]
     figures = []
     if static or dynamic:
-        figures.append(Picture(partial(fit_figure, fit, static, dynamic), FITTED, is_wide=True, is_printed=True))
+        figures.append(PlannedPicture(partial(fit_figure, fit, static, dynamic), FITTED, is_wide=True, is_printed=True))
         true = truth.model_dump() if truth else {}
-        figures.append(Picture(partial(checks_figure, fit, dynamic, true), CHECKS, is_wide=True))
+        figures.append(PlannedPicture(partial(checks_figure, fit, dynamic, true), CHECKS, is_wide=True))
     return figures
 
 

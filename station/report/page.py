@@ -55,7 +55,7 @@ from station.report.numbers import (
     located,
     worn,
 )
-from station.report.pictures import Picture, draw_all
+from station.report.pictures import Picture, PlannedPicture, draw_all
 from station.report.report_file import FORMAT, ReportDocument, Source, numbers_text
 from station.report.session_facts import recording_rows, session_facts
 from station.report.wearer_section import emg_figures, emg_section, wearer_figures
@@ -214,7 +214,7 @@ def _context(results: Results, pictures: Drawn) -> dict[str, Any]:
     }
 
 
-def _planned(results: Results, fitted: SessionFit | None) -> dict[str, Sequence[Picture]]:
+def _planned(results: Results, fitted: SessionFit | None) -> dict[str, Sequence[PlannedPicture]]:
     """Figures by section."""
     assessment, emg = results.assessment, results.emg
     return {

@@ -49,7 +49,7 @@ from station.emg.trials import EmgFileError, extract_emg
 from station.protocol import CONDITION_NAMES
 from station.recordings_of_session import motions_in
 from station.report.numbers import Shown, located, plain
-from station.report.pictures import Picture
+from station.report.pictures import Picture, PlannedPicture
 from station.report.report_file import Source
 
 SHOWN_POINTS = 500
@@ -60,14 +60,14 @@ RAW_CAPTION = "EMG envelopes, without a maximum voluntary contraction"
 CORD_CAPTION = "force of the cord, less its least value"
 
 
-def wearer_figures(folder: Path) -> list[Picture]:
+def wearer_figures(folder: Path) -> list[PlannedPicture]:
     """A figure for every motion that can be read. The load cell is shown where it is in the cord."""
     found = motions_in(folder)
     if not found:
         return []
     maxima = _maxima(found)
     return [
-        Picture(partial(motion_figure, trial, maxima), _caption(trial, maxima), is_printed=True)
+        PlannedPicture(partial(motion_figure, trial, maxima), _caption(trial, maxima), is_printed=True)
         for path, manifest in sorted(found.items(), key=lambda motion: motion[1].start_utc_ns)
         if manifest.condition != "mvc" and (trial := _read(path)) is not None
     ]
@@ -194,10 +194,10 @@ def _method(document: EmgDocument) -> tuple[Shown, ...]:
     return (*parts, text)
 
 
-def emg_figures(document: EmgDocument) -> list[Picture]:
+def emg_figures(document: EmgDocument) -> list[PlannedPicture]:
     """The shapes of every trial that is compared with the model, and the change where there is one."""
     figures = [
-        Picture(
+        PlannedPicture(
             partial(shapes_figure, trial),
             f"{trial.name}: shape of EMG and of the model's activation, both scaled from minimum (0) to maximum (1)",
             is_wide=True,
@@ -207,7 +207,7 @@ def emg_figures(document: EmgDocument) -> list[Picture]:
     ]
     if document.changes:
         caption = "EMG and the model's activation in the condition over those in the reference, with 95 % intervals"
-        figures.append(Picture(partial(change_figure, document.changes), caption))
+        figures.append(PlannedPicture(partial(change_figure, document.changes), caption))
     return figures
 
 

@@ -21,7 +21,7 @@ from station.charts.marks import Array, Line, Panel, chart
 from station.charts.svg import draw
 from station.progress import silent
 from station.report.assessment_section import ELEVATION, LESS, MORE, activation_changes, body_figure, change_colour
-from station.report.pictures import Picture, draw_all
+from station.report.pictures import PlannedPicture, draw_all
 from station.report.plot import DPI, as_png
 
 ACTIVATIONS = pd.DataFrame(
@@ -59,8 +59,8 @@ def test_every_section_has_its_own_figures_in_their_order() -> None:
     assert ">panel c</text>" in drawn[None][0].drawing
 
 
-def _planned(caption: str, *, is_wide: bool = False) -> Picture:
-    return Picture(partial(chart, Panel((), title=f"panel {caption}")), caption, is_wide)
+def _planned(caption: str, *, is_wide: bool = False) -> PlannedPicture:
+    return PlannedPicture(partial(chart, Panel((), title=f"panel {caption}")), caption, is_wide)
 
 
 # PNG of matplotlib's figures: always the same, opaque, of the size that was asked for.
