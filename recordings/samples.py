@@ -5,7 +5,6 @@ Numbers keep the device's own unit here and in the file (`Stream.unit`); SI begi
 
 from __future__ import annotations
 
-import sys
 from dataclasses import dataclass
 
 import numpy as np
@@ -63,22 +62,6 @@ class Samples:
     device_time_ns: NDArray[np.int64]
     host_time_ns: int
     values: NDArray[np.float64] | NDArray[np.float32]
-
-
-class ArrivalClock:
-    """Host time of the samples of one stream, by the block with the least delay so far.
-
-    The delay of the device remains, some milliseconds; the offline fit uses the sync edges instead. With a backlog the
-    last sample lies in the past although blocks keep arriving.
-    """
-
-    def __init__(self) -> None:
-        self.offset_ns = sys.maxsize  # host time less device time
-
-    def update(self, samples: Samples) -> NDArray[np.int64]:
-        """UTC [ns] (n,) of a block of at least one sample."""
-        self.offset_ns = min(self.offset_ns, samples.host_time_ns - int(samples.device_time_ns[-1]))
-        return samples.device_time_ns + self.offset_ns
 
 
 @dataclass(frozen=True)

@@ -1,10 +1,17 @@
-"""Clocks: station time, which a simulated bench or a replay may control, and wall time for watchdogs."""
+"""Clocks: station time, which a simulated bench or a replay may control, wall time for watchdogs, times of arrival."""
 
 from __future__ import annotations
 
+import sys
 import time
 from collections.abc import Mapping, Sequence
-from typing import Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Protocol, runtime_checkable
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from recordings.samples import Samples
 
 
 class Clock(Protocol):
@@ -104,3 +111,19 @@ class ManualClock:
 
     def wall_s(self) -> float:
         return self._station_s
+
+
+class ArrivalClock:
+    """Host time of the samples of one stream, by the block with the least delay so far.
+
+    The delay of the device remains, some milliseconds; the offline fit uses the sync edges instead. With a backlog the
+    last sample lies in the past although blocks keep arriving.
+    """
+
+    def __init__(self) -> None:
+        self.offset_ns = sys.maxsize  # host time less device time
+
+    def update(self, samples: Samples) -> NDArray[np.int64]:
+        """UTC [ns] (n,) of a block of at least one sample."""
+        self.offset_ns = min(self.offset_ns, samples.host_time_ns - int(samples.device_time_ns[-1]))
+        return samples.device_time_ns + self.offset_ns

@@ -10,8 +10,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from documents.message import Message
-from recordings.samples import ArrivalClock, Event, Item, Loss, Samples, Stream
-from station.clock import Clock
+from recordings.samples import Event, Item, Loss, Samples, Stream
+from station.clock import ArrivalClock, Clock
 from station.messages.bench_messages import TrialCode
 
 SILENCE_TIMEOUT_S = 3.0

@@ -22,7 +22,7 @@ from documents.message import Figures, Message, because
 from fitting.trial.analog_signals import VOLTS
 from fitting.wearer.wearer_trial import CycleDetector, elevation_from_markers
 from recordings.manifest import BodyMarkers, EmgAmplifier, LoadCell
-from recordings.samples import ArrivalClock, Samples, Stream
+from recordings.samples import Samples, Stream
 from recordings.topics import EMG, FORCE, MARKERS
 from solver.inverse_kinematics.marker_fit import rotation_laboratory_to_ground
 from solver.stream.frame_muscles import StreamScenario
@@ -30,6 +30,7 @@ from solver.stream.stream_frame import StreamFrame, StreamSuitFrame
 from solver.stream.stream_solver import StreamSolver
 from solver.suit.scenarios import find_minimum
 from solver.suit.suit import suit_toml
+from station.clock import ArrivalClock
 from station.config import LiveSection, StationConfig
 from station.errors import StationError
 from station.kinematics.marker_checks import LEAST_SEEN, ensure_markers_fit

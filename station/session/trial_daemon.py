@@ -34,7 +34,7 @@ from drivers.errors import DeviceError
 from fitting.trial.analog_signals import VOLTS
 from fitting.wearer.wearer_trial import elevation_from_markers
 from recordings.manifest import BodyMarkers, BounceRig, CuffSite, EmgAmplifier, LoadCell
-from recordings.samples import ArrivalClock, Event, Item, Loss, Samples
+from recordings.samples import Event, Item, Loss, Samples
 from recordings.topics import EMG
 from station.bench.bench_clock import BenchClock
 from station.bench.live_displacement import LiveDisplacement
@@ -42,7 +42,7 @@ from station.bench.session_folder import RESERVE_BYTES, bytes_free, check_folder
 from station.bench.trial_recorder import TrialRecorder, TrialResult
 from station.bench.view import BackgroundView, Snapshot, StreamTally, StreamTelemetry, TrialState, TrialTelemetry
 from station.child import ProcessLink, exit_at_once
-from station.clock import Clock, RealClock
+from station.clock import ArrivalClock, Clock, RealClock
 from station.config import parse_config
 from station.errors import StationError
 from station.journal import Recorded, write_recorded

@@ -27,12 +27,13 @@ import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
 from documents.message import Message
-from recordings.samples import ArrivalClock, Event, Item, Samples
+from recordings.samples import Event, Item, Samples
 from solver.drawing import bone_lines, path_lines, skeleton
 from solver.model import Model
 from solver.multibody.postures import points_in_ground, postures
 from solver.suit.suit import Suit
 from station.bench.view import BackgroundView, Snapshot
+from station.clock import ArrivalClock
 from station.errors import StationError
 from station.messages.study_messages import SweepCode
 

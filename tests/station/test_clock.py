@@ -7,7 +7,8 @@ import sys
 import numpy as np
 import pytest
 
-from recordings.samples import ArrivalClock, Samples
+from recordings.samples import Samples
+from station.clock import ArrivalClock
 
 PERIOD_NS = 10_000_000
 OFFSET_NS = 1_700_000_000_000_000_000
