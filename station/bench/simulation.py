@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any
 
 from documents.message import Message, because
 from station.child import DETACHED, Child
-from station.config import StationConfig, parse_config
+from station.config import StationConfig
 from station.end_signals import end_signals
 from station.errors import StationError
 from station.exit_code import WRONG_USAGE
@@ -113,12 +113,12 @@ class SimulatedBench:
 
     def configure(self, config: StationConfig) -> StationConfig:
         """The configuration with the addresses of this bench."""
-        data = config.model_dump(mode="json")
-        data["daq"]["grpc_target"] = f"127.0.0.1:{self.ready['ports']['ni']}"
-        data["mocap"] |= {"host": "127.0.0.1", "port": self.ready["ports"]["qtm"]}
-        if config.emg is not None and config.emg.source == "lsl":
-            data["emg"] = None  # an outlet is on the wall's time, and a simulated bench has none
-        return parse_config(data, "the simulated bench")
+        ports = self.ready["ports"]
+        daq = config.daq.model_copy(update={"grpc_target": f"127.0.0.1:{ports['ni']}"})
+        mocap = config.mocap.model_copy(update={"host": "127.0.0.1", "port": ports["qtm"]})
+        is_lsl = config.emg is not None and config.emg.source == "lsl"
+        emg = None if is_lsl else config.emg  # an outlet is on the wall's time, and a simulated bench has none
+        return config.model_copy(update={"daq": daq, "mocap": mocap, "emg": emg})
 
 
 def simulator_settings(config: StationConfig) -> dict[str, Any]:

@@ -1,11 +1,9 @@
 """Record one trial in a process of its own, started by TrialProcess.
 
-The first message is the request: {"config": {…}, "folder": "…", "spec": {…}, "clock_port": null, "speed": 1}; the port
-is that of a simulated bench's clock, the speed the pace of its world. Every further one is a command: {"stop": true}
-(the first ends the trial cleanly, the second at once) or {"mark": true}. The recorder sends telemetry twenty times a
-second and, last, {"result": {…}} or {"refused": "a sentence", "code": "…"}. If the console ends, freezes or stops
-receiving, the trial continues to the end of its capture, its result is written to the session's journal, and the
-process ends.
+The first message is a TrialRequest. Every further one is a command: {"stop": true} (the first ends the trial cleanly,
+the second at once) or {"mark": true}. The recorder sends telemetry twenty times a second and, last, {"result": {…}} or
+{"refused": "a sentence", "code": "…"}. If the console ends, freezes or stops receiving, the trial continues to the end
+of its capture, its result is written to the session's journal, and the process ends.
 
 Telemetry holds its time (at, Unix seconds), the state of the trial with its codes, the rate of every stream, the
 position of every marker (points, mm, null if hidden, in the order of seen), the RMS of the last EMG (emg_uv,
@@ -27,6 +25,7 @@ from typing import Any, NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import BaseModel
 
 from documents.interval import counted
 from documents.message import join_sentences
@@ -43,7 +42,7 @@ from station.bench.trial_recorder import TrialRecorder, TrialResult
 from station.bench.view import BackgroundView, Snapshot, StreamTally, StreamTelemetry, TrialState, TrialTelemetry
 from station.child import ProcessLink, exit_at_once
 from station.clock import ArrivalClock, Clock, RealClock
-from station.config import parse_config
+from station.config import StationConfig
 from station.errors import StationError
 from station.journal import Recorded, write_recorded
 from station.live.tap import live_views
@@ -60,6 +59,16 @@ DISK_INTERVAL_S = 2.0
 """Wall seconds between two queries of the free disk space."""
 
 
+class TrialRequest(BaseModel):
+    """The first message: clock_port is that of a simulated bench's clock, None for a real bench; speed its pace."""
+
+    config: StationConfig
+    folder: Path
+    spec: TrialSpec
+    clock_port: int | None
+    speed: float | None
+
+
 def main(console: ProcessLink) -> NoReturn:
     request = console.receive()
     if request is not None:
@@ -69,19 +78,18 @@ def main(console: ProcessLink) -> NoReturn:
     exit_at_once(0)  # a frozen device, or a console that does not receive, would block a normal exit
 
 
-def _outcome(console: ProcessLink, request: dict[str, Any]) -> dict[str, Any]:
+def _outcome(console: ProcessLink, message: dict[str, Any]) -> dict[str, Any]:
     try:
-        return {"result": asdict(_record(console, request))}
+        return {"result": asdict(_record(console, TrialRequest.model_validate(message)))}
     except Exception as error:  # every error must reach the operator
         sentence = " ".join(str(error).split()) or type(error).__name__
         return {"refused": sentence, "code": error.code if isinstance(error, StationError | DeviceError) else ""}
 
 
-def _record(console: ProcessLink, request: dict[str, Any]) -> Recorded:
-    config, spec = parse_config(request["config"], "the console"), TrialSpec(**request["spec"])
-    folder, clock_port = Path(request["folder"]), request["clock_port"]
+def _record(console: ProcessLink, request: TrialRequest) -> Recorded:
+    config, spec, folder, port = request.config, request.spec, request.folder, request.clock_port
     with ExitStack() as stack:
-        bench_clock = None if clock_port is None else stack.enter_context(BenchClock(clock_port, request["speed"]))
+        bench_clock = None if port is None else stack.enter_context(BenchClock(port, request.speed))
         clock: Clock = bench_clock or RealClock()
         emg = config.emg.amplifier() if config.emg is not None else None
         view = Telemetry(console.send, config.subject(spec), config.calibration(), folder, bench_clock, emg)

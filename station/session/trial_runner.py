@@ -13,7 +13,7 @@ from collections import deque
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import CancelledError, Future
 from contextlib import suppress
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from functools import partial
 from itertools import chain
 from pathlib import Path
@@ -35,6 +35,7 @@ from station.protocol import BODY_TESTS, TrialSpec
 from station.session.guide import Cue, Guide, guide_for, wearer_guide
 from station.session.open_session import CommandRefused, OpenSession
 from station.session.plan_status import PlanStatus
+from station.session.trial_daemon import TrialRequest
 
 KEPT_POINTS = 1600
 """Points of each live curve: half a minute."""
@@ -378,8 +379,8 @@ class TrialProcess:
         clock_port is that of a simulated bench's clock, None for a real bench; speed is the pace of its world.
         """
         trial = cls(await asyncio.to_thread(Child, "station.session.trial_daemon", **DETACHED))
-        request = {"config": config.model_dump(mode="json"), "folder": str(folder), "spec": asdict(spec)}
-        trial._commands.put({**request, "clock_port": clock_port, "speed": speed})
+        request = TrialRequest(config=config, folder=folder, spec=spec, clock_port=clock_port, speed=speed)
+        trial._commands.put(request.model_dump(mode="json"))
         threading.Thread(target=trial._send_commands, name="commands to the recorder", daemon=True).start()
         return trial
 
