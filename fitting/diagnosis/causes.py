@@ -25,15 +25,21 @@ from numpy.typing import NDArray
 from documents.message import Figures
 from fitting.diagnosis.identification import MIN_LOADS, FittedPull
 from fitting.dynamic.cross_checks import ComplexStiffness
+from fitting.dynamic.damping import DampingFit
 from fitting.errors import UnusableTrial
 from fitting.laws.model_class import FRICTION, GAIN, SLIP, SOFTENING, STIFFENING, ModelComparison
 from fitting.pull.cuff_motion import LOOSE, SKIN_CORRELATION, pull_direction
 from fitting.pull.plateaus import MAX_FRICTION, MAX_SCALE_ERROR, Plateau, is_unloaded, load_scale
+from fitting.pull.pull import Pull
 from fitting.results.codes import CauseCode, FindingCode
 from fitting.results.sentences import NAMES
 from fitting.uncertainty import Estimate, Repeat, combine
 from solver.cuff import KelvinVoigt
 
+Swung = tuple[Pull, DampingFit]
+"""A dynamic trial and the fit of its swing."""
+Pair = tuple[Pull, DampingFit, Sequence[Plateau]]
+"""The same with the held loads before it."""
 SIGNIFICANT = 3.0
 SHIFT_LIMIT, ZERO_LIMIT = 0.5e-3, 1.0
 """m and N between records from which a significant change is reported."""
@@ -44,18 +50,7 @@ ANGLE_LIMIT = 10.0
 NOISE_LIMIT = 1.3
 WELL_KNOWN = 5.0
 """Mean damping over its standard error from which its dependence on frequency is checked."""
-_CHECKS = {
-    FindingCode.START: "D1",
-    FindingCode.STIFFNESS_RATIO: "D2",
-    FindingCode.CURVATURE: "D3",
-    FindingCode.HARMONICS: "D4",
-    FindingCode.DAMPING_POWER: "D5",
-    FindingCode.ANGLE: "D6",
-    FindingCode.UNLOADED_FORCE: "D7",
-    FindingCode.UNLOADED_POSITION: "D7",
-    FindingCode.FORCE_NOISE: "D8",
-    FindingCode.MARKER_CORRELATION: "D8",
-}
+_CHECKS = dict(zip(FindingCode, ("D1", "D2", "D3", "D4", "D5", "D6", "D7", "D7", "D8", "D8"), strict=True))
 
 
 @dataclass(frozen=True)
@@ -88,56 +83,59 @@ def find_all(
     pulls: Sequence[FittedPull], stiffness: Estimate | None, bands: Sequence[ComplexStiffness]
 ) -> Iterator[Finding]:
     """D1 to D8 of the used trials of one donning in time order, with its k and its complex stiffness."""
-    static = [fitted for fitted in pulls if fitted.static and fitted.static.plateaus]
-    dynamic = [fitted for fitted in pulls if fitted.dynamic is not None]
-    with_zero = [fitted for fitted in static if _has_zero(fitted)]
-    pairs = [(fitted, _before(fitted, with_zero)) for fitted in dynamic if with_zero]
+    static, dynamic = _held(pulls), _swung(pulls)
+    swings = [swing for _, swing in dynamic]
+    with_zero = [fitted for fitted in static if _has_zero(fitted.plateaus)]
+    pairs = [(*fitted, _before(fitted[0], with_zero)) for fitted in dynamic if with_zero]
     yield from _start_shift(pairs, stiffness)
-    yield from _stiffnesses(dynamic, stiffness)
+    yield from _stiffnesses(swings, stiffness)
     yield from _curvature(static)
-    yield from _harmonics(dynamic)
+    yield from _harmonics(swings)
     yield from _over_frequency(bands)
-    yield from _angle(static, dynamic)
+    yield from _angle([fitted.pull for fitted in static], [pull for pull, _ in dynamic])
     yield from _unloaded(pairs)
     yield from _noise(dynamic)
 
 
-def _has_zero(static: FittedPull) -> bool:
+def _held(pulls: Sequence[FittedPull]) -> list[FittedPull]:
+    return [fitted for fitted in pulls if fitted.plateaus]
+
+
+def _swung(pulls: Sequence[FittedPull]) -> list[Swung]:
+    return [(fitted.pull, fitted.dynamic) for fitted in pulls if fitted.dynamic]
+
+
+def _has_zero(plateaus: Sequence[Plateau]) -> bool:
     """Whether the first held load is that of the bare hook, which a single load, without others, does not show."""
-    plateaus = _plateaus(static)
     return len(plateaus) >= MIN_LOADS and is_unloaded(plateaus[0], plateaus)
 
 
-def _before(dynamic: FittedPull, static: Sequence[FittedPull]) -> FittedPull:
-    """The last static trial before the dynamic one, or else the first after it."""
-    earlier = [fitted for fitted in static if fitted.pull.trial.start_utc_ns <= dynamic.pull.trial.start_utc_ns]
-    return earlier[-1] if earlier else static[0]
+def _before(dynamic: Pull, static: Sequence[FittedPull]) -> Sequence[Plateau]:
+    """Held loads of the last static trial before the dynamic one, or else of the first after it."""
+    earlier = [fitted for fitted in static if fitted.pull.trial.start_utc_ns <= dynamic.trial.start_utc_ns]
+    return (earlier or static[:1])[-1].plateaus
 
 
-def _start(dynamic: FittedPull, static: Level, stiffness: Estimate | None) -> tuple[Level, bool] | None:
-    """Unloaded level of a dynamic record, and whether it was observed or extrapolated from the swing along k."""
-    seen = start_level(dynamic)
-    if seen is not None:
-        return seen, True
-    if stiffness is None or dynamic.dynamic is None:
-        return None
-    lift = float(KelvinVoigt(stiffness.value).equilibrium(swing_force(dynamic) - static.force))
-    position = float(np.mean(dynamic.dynamic.displacement)) - lift
-    return Level(static.force, static.force_sd, position, abs(lift) * stiffness.standard_error / stiffness.value), False
+def _start(pull: Pull, swing: DampingFit, static: Level, stiffness: Estimate | None) -> Level | None:
+    """Unloaded level of a dynamic record: observed, or else extrapolated from the swing along k."""
+    seen = start_level(pull, swing)
+    if seen is not None or stiffness is None:
+        return seen
+    lift = float(KelvinVoigt(stiffness.value).equilibrium(swing_force(pull, swing) - static.force))
+    position = float(np.mean(swing.displacement)) - lift
+    return Level(static.force, static.force_sd, position, abs(lift) * stiffness.standard_error / stiffness.value)
 
 
-def _start_shift(pairs: Sequence[tuple[FittedPull, FittedPull]], stiffness: Estimate | None) -> Iterator[Finding]:
+def _start_shift(pairs: Sequence[Pair], stiffness: Estimate | None) -> Iterator[Finding]:
     """D1: distance of the start of the dynamic record from the start of the held loads before it."""
     shifts, errors = [], []
-    for dynamic, static in pairs:
-        zero, end = (held_level(_plateaus(static)[i]) for i in (0, -1))
-        start = _start(dynamic, zero, stiffness)
+    for pull, swing, plateaus in pairs:
+        zero, end = held_level(plateaus[0]), held_level(plateaus[-1])
+        start = _start(pull, swing, zero, stiffness)
         if start is None:
             continue
-        load = start[0].force - zero.force
-        lift = KelvinVoigt(stiffness.value).equilibrium(load) if stiffness and not start[1] else 0.0
-        shifts.append((start[0].displacement - zero.displacement - lift, end.displacement - zero.displacement))
-        errors.append(math.hypot(start[0].displacement_sd, zero.displacement_sd))
+        shifts.append((start.displacement - zero.displacement, end.displacement - zero.displacement))
+        errors.append(math.hypot(start.displacement_sd, zero.displacement_sd))
     if not shifts:
         return
     shift, migrated = max(shifts, key=lambda pair: abs(pair[0]))
@@ -151,19 +149,14 @@ def _start_shift(pairs: Sequence[tuple[FittedPull, FittedPull]], stiffness: Esti
     yield Finding(FindingCode.START, shift, error, "m", is_alarm, more)
 
 
-def _stiffnesses(dynamic: Sequence[FittedPull], static: Estimate | None) -> Iterator[Finding]:
-    found = [
-        fitted.dynamic.stiffness for fitted in dynamic if fitted.dynamic and not fitted.dynamic.uses_static_stiffness
-    ]
+def _stiffnesses(swings: Sequence[DampingFit], static: Estimate | None) -> Iterator[Finding]:
+    found = [swing.stiffness for swing in swings if not swing.uses_static_stiffness]
     if static is None or not found:
         return
-    swinging = float(np.mean([stiffness.value for stiffness in found]))
+    values = [stiffness.value for stiffness in found]
+    swinging = float(np.mean(values))
     own = math.sqrt(sum(stiffness.standard_error**2 for stiffness in found)) / len(found)
-    spread = (
-        float(np.std([stiffness.value for stiffness in found], ddof=1)) / math.sqrt(len(found))
-        if len(found) > 2
-        else 0.0
-    )
+    spread = float(np.std(values, ddof=1)) / math.sqrt(len(values)) if len(values) > 2 else 0.0
     ratio = swinging / static.value
     error = ratio * math.hypot(max(own, spread) / swinging, static.standard_error / static.value)
     is_alarm = abs(ratio - 1) > max(STIFFNESS_LIMIT, SIGNIFICANT * error)
@@ -175,8 +168,7 @@ def _curvature(static: Sequence[FittedPull]) -> Iterator[Finding]:
     """D3: distance of the parabola through the held loads from its chord, in the middle of the range."""
     found = []
     for fitted in static:
-        x = np.array([plateau.displacement for plateau in _plateaus(fitted)])
-        force = np.array([plateau.force for plateau in _plateaus(fitted)])
+        x, force = np.array([(plateau.displacement, plateau.force) for plateau in fitted.plateaus]).T
         if len(x) < 4 or np.ptp(x) == 0:
             continue
         u = 2 * (x - x.min()) / np.ptp(x) - 1
@@ -193,8 +185,8 @@ def _curvature(static: Sequence[FittedPull]) -> Iterator[Finding]:
     yield Finding(FindingCode.CURVATURE, bend, error, "N", is_alarm)
 
 
-def _harmonics(dynamic: Sequence[FittedPull]) -> Iterator[Finding]:
-    checks = [fitted.dynamic.checks for fitted in dynamic if fitted.dynamic]
+def _harmonics(swings: Sequence[DampingFit]) -> Iterator[Finding]:
+    checks = [swing.checks for swing in swings]
     if not checks:
         return
     noise = math.sqrt(float(np.mean([check.harmonic_noise**2 for check in checks])))
@@ -223,7 +215,7 @@ def _over_frequency(bands: Sequence[ComplexStiffness]) -> Iterator[Finding]:
     yield Finding(FindingCode.DAMPING_POWER, power, error, "1", is_alarm, more)
 
 
-def _angle(static: Sequence[FittedPull], dynamic: Sequence[FittedPull]) -> Iterator[Finding]:
+def _angle(static: Sequence[Pull], dynamic: Sequence[Pull]) -> Iterator[Finding]:
     held, swung = _direction(static), _direction(dynamic)
     if held is None or swung is None:
         return
@@ -231,23 +223,20 @@ def _angle(static: Sequence[FittedPull], dynamic: Sequence[FittedPull]) -> Itera
     yield Finding(FindingCode.ANGLE, angle, None, "deg", angle > ANGLE_LIMIT)
 
 
-def _direction(trials: Sequence[FittedPull]) -> NDArray[np.float64] | None:
+def _direction(pulls: Sequence[Pull]) -> NDArray[np.float64] | None:
     """Unit vector (3,) of the displacement in these trials."""
-    if not trials:
+    if not pulls:
         return None
     try:
-        return pull_direction([fitted.pull.trial for fitted in trials], [fitted.pull.motion for fitted in trials])
+        return pull_direction([pull.trial for pull in pulls], [pull.motion for pull in pulls])
     except UnusableTrial:
         return None
 
 
-def _unloaded(pairs: Sequence[tuple[FittedPull, FittedPull]]) -> Iterator[Finding]:
+def _unloaded(pairs: Sequence[Pair]) -> Iterator[Finding]:
     """D7: change from the end of the held loads to the start of the dynamic record, both unloaded."""
-    steps = []
-    for dynamic, static in pairs:
-        start, end = start_level(dynamic), _unloaded_end(static)
-        if start is not None and end is not None:
-            steps.append((start, end))
+    found = ((start_level(pull, swing), _unloaded_end(plateaus)) for pull, swing, plateaus in pairs)
+    steps = [(start, end) for start, end in found if start is not None]
     if not steps:
         return
     force = max((a.force - b.force for a, b in steps), key=abs)
@@ -260,17 +249,15 @@ def _unloaded(pairs: Sequence[tuple[FittedPull, FittedPull]]) -> Iterator[Findin
     yield Finding(FindingCode.UNLOADED_POSITION, position, position_sd, "m", is_alarm)
 
 
-def _unloaded_end(static: FittedPull) -> Level | None:
-    plateaus = _plateaus(static)
+def _unloaded_end(plateaus: Sequence[Plateau]) -> Level:
     first, last, top = plateaus[0], plateaus[-1], max(plateau.force for plateau in plateaus)
-    if last is not first and abs(last.force - first.force) <= max(0.1 * (top - first.force), 3.0):
-        return held_level(last)
-    return held_level(first)
+    is_unloaded_last = abs(last.force - first.force) <= max(0.1 * (top - first.force), 3.0)
+    return held_level(last if is_unloaded_last else first)
 
 
-def _noise(dynamic: Sequence[FittedPull]) -> Iterator[Finding]:
+def _noise(dynamic: Sequence[Swung]) -> Iterator[Finding]:
     """D8: fitted force noise of the swing over that of the resting cuff, and correlation of the marker noise."""
-    noises = [noise for noise in (_noises(fitted) for fitted in dynamic) if noise is not None]
+    noises = [noise for pull, swing in dynamic if (noise := _noises(pull, swing)) is not None]
     if noises:
         swing, rest, swing_dof, rest_dof = np.array(noises).T
         ratio = math.sqrt(float((swing_dof @ swing**2 / swing_dof.sum()) / (rest_dof @ rest**2 / rest_dof.sum())))
@@ -279,32 +266,25 @@ def _noise(dynamic: Sequence[FittedPull]) -> Iterator[Finding]:
         significant = math.sqrt(scipy.special.fdtri(swing_dof.sum(), rest_dof.sum(), scipy.special.ndtr(SIGNIFICANT)))
         is_alarm = ratio > max(NOISE_LIMIT, significant)
         yield Finding(FindingCode.FORCE_NOISE, ratio, ratio * error, "1", is_alarm)
-    correlations = [fitted.dynamic.checks.marker_correlation for fitted in dynamic if fitted.dynamic]
-    if correlations:
-        coloured = any(fitted.dynamic.checks.is_coloured for fitted in dynamic if fitted.dynamic)
-        more = {"white_noise": 0.0} if coloured else {}
-        yield Finding(FindingCode.MARKER_CORRELATION, max(correlations), None, "1", coloured, more)
+    if checks := [swing.checks for _, swing in dynamic]:
+        is_coloured = any(check.is_coloured for check in checks)
+        more = {"white_noise": 0.0} if is_coloured else {}
+        largest = max(check.marker_correlation for check in checks)
+        yield Finding(FindingCode.MARKER_CORRELATION, largest, None, "1", is_coloured, more)
 
 
-def _noises(fitted: FittedPull) -> tuple[float, float, float, float] | None:
+def _noises(pull: Pull, swing: DampingFit) -> tuple[float, float, float, float] | None:
     """Standard deviation of the force noise in the swing and at rest [N], each with its degrees of freedom."""
-    if fitted.dynamic is None or start_level(fitted) is None:
+    if start_level(pull, swing) is None:
         return None
-    pull = fitted.pull
     quiet = pull.force_time <= pull.force_time[0] + 1.0
-    together = max(1, round(float(np.median(np.diff(fitted.dynamic.time)) / np.median(np.diff(pull.force_time)))))
+    together = max(1, round(float(np.median(np.diff(swing.time)) / np.median(np.diff(pull.force_time)))))
     whole = pull.force[quiet][: np.count_nonzero(quiet) // together * together].reshape(-1, together).mean(axis=1)
     if len(whole) < 3 or np.ptp(whole) == 0:
         return None
     rest = float(np.std(np.diff(whole))) / math.sqrt(2)
     # The variance from differences of n white samples has the relative variance 3/n (von Neumann 1941).
-    return fitted.dynamic.force_noise, rest, float(len(fitted.dynamic.time)), len(whole) / 1.5
-
-
-def _plateaus(fitted: FittedPull) -> Sequence[Plateau]:
-    if fitted.static is None:
-        raise ValueError("a dynamic trial has no held loads")
-    return fitted.static.plateaus
+    return swing.force_noise, rest, float(len(swing.time)), len(whole) / 1.5
 
 
 LEAD_IN = 1.0
@@ -324,12 +304,8 @@ class Level:
     displacement_sd: float
 
 
-def start_level(fitted: FittedPull) -> Level | None:
+def start_level(pull: Pull, swing: DampingFit) -> Level | None:
     """The first second of a dynamic record if it is steady and below the swing, otherwise None."""
-    fit = fitted.dynamic
-    if fit is None:
-        return None
-    pull = fitted.pull
     in_force = pull.force_time <= pull.force_time[0] + LEAD_IN
     in_frames = (pull.marker_time <= pull.force_time[0] + LEAD_IN) & np.isfinite(pull.displacement)
     if np.count_nonzero(in_force) < 8 or np.count_nonzero(in_frames) < 20:
@@ -337,7 +313,7 @@ def start_level(fitted: FittedPull) -> Level | None:
     force, displacement = pull.force[in_force], pull.displacement[in_frames]
     quarters = [float(part.mean()) for part in np.array_split(force, 4)]
     noise = float(np.std(force)) / math.sqrt(len(force) / 4)
-    below = swing_force(fitted) - 0.8 * fit.oscillation.amplitude
+    below = swing_force(pull, swing) - 0.8 * swing.oscillation.amplitude
     if max(quarters) - min(quarters) > STEADY + 4 * noise or np.mean(force) > below:
         return None
     return Level(*_mean(force), *_mean(displacement, SWAY))
@@ -349,13 +325,9 @@ def held_level(plateau: Plateau) -> Level:
     return Level(plateau.force, plateau.force_sd, plateau.displacement, displacement_sd)
 
 
-def swing_force(fitted: FittedPull) -> float:
+def swing_force(pull: Pull, swing: DampingFit) -> float:
     """Mean force [N] of the swing."""
-    if fitted.dynamic is None:
-        raise ValueError("a trial without a fitted swing has no mean force")
-    swing = fitted.dynamic.oscillation
-    pull = fitted.pull
-    inside = (pull.force_time >= swing.start) & (pull.force_time <= swing.end)
+    inside = (pull.force_time >= swing.oscillation.start) & (pull.force_time <= swing.oscillation.end)
     return float(np.mean(pull.force[inside]))
 
 
@@ -369,15 +341,8 @@ ALIKE = 0.15
 """A law is an explanation, too, unless the mean square of the chosen one is lower by more than this part."""
 LEAVES_DISPLACEMENT = {SLIP, FRICTION, "creep"}
 """Laws with which an unloaded cuff is not where it was before the load."""
-LAW_CAUSES = {
-    STIFFENING: CauseCode.STIFFENING,
-    SOFTENING: CauseCode.SOFTENING,
-    SLIP: CauseCode.SLIP,
-    FRICTION: CauseCode.FRICTION,
-    "standard linear solid": CauseCode.STANDARD_LINEAR_SOLID,
-    "creep": CauseCode.CREEP,
-}
-"""Extension of the law (model_class.py) → cause."""
+LAWS = (STIFFENING, SOFTENING, SLIP, FRICTION, "standard linear solid", "creep")
+"""Extensions of the law (model_class.py); the cause has the same name."""
 
 
 @dataclass(frozen=True)
@@ -448,10 +413,9 @@ def find_causes(
 
     creeps is False if held loads were examined and the displacement does not increase under them.
     """
-    static = [fitted for fitted in pulls if fitted.static and fitted.static.plateaus]
-    dynamic = [fitted for fitted in pulls if fitted.dynamic is not None]
+    static = _held(pulls)
     found = [
-        *_rig_causes(findings, static, dynamic, classes),
+        *_rig_causes(findings, static, _swung(pulls), classes),
         *_anchor_causes(pulls),
         *_weight_causes(static),
         *_law_causes(classes, creeps=creeps),
@@ -464,12 +428,12 @@ def find_causes(
 def _rig_causes(
     findings: Sequence[Finding],
     static: Sequence[FittedPull],
-    dynamic: Sequence[FittedPull],
+    dynamic: Sequence[Swung],
     classes: ModelComparison | None,
 ) -> Iterator[Cause]:
     by_code = {finding.code: finding for finding in findings}
-    bare = [fitted.static.plateaus[0].force for fitted in static if fitted.static]
-    tared = any(_is_tared(fitted, bare) for fitted in dynamic)
+    bare = [fitted.plateaus[0].force for fitted in static]
+    tared = any(_is_tared(*swung, bare) for swung in dynamic)
     angle = by_code.get(FindingCode.ANGLE)
     if angle and angle.is_alarm:
         yield Cause(CauseCode.PULL_DIRECTION, 10 * angle.value / ANGLE_LIMIT, finding=angle)
@@ -491,9 +455,7 @@ def _offset_causes(position: Finding | None, *, tared: bool) -> Iterator[Cause]:
     if position is None or not position.is_alarm:
         return
     severity = abs(position.value) / SHIFT_LIMIT
-    codes = [CauseCode.DISPLACEMENT_ZERO, CauseCode.ZERO_DRIFT]
-    if tared:
-        codes.insert(0, CauseCode.TARE)
+    codes = [CauseCode.TARE] * tared + [CauseCode.DISPLACEMENT_ZERO, CauseCode.ZERO_DRIFT]
     for rank, code in enumerate(codes):
         yield Cause(code, severity * 0.9**rank, finding=position)
 
@@ -502,18 +464,13 @@ def _is_displaced_by_law(start: Finding | None, static: Sequence[FittedPull], cl
     """Whether the swing starts where a law with a memory leaves the cuff: between first and last unloaded position."""
     if start is None or classes is None or not LEAVES_DISPLACEMENT.intersection(classes.chosen):
         return False
-    ends = [0.0]
-    for fitted in static:
-        plateaus = fitted.static.plateaus if fitted.static else ()
-        ends += [plateau.displacement - plateaus[0].displacement for plateau in plateaus[-1:]]
+    ends = [0.0, *(trial.plateaus[-1].displacement - trial.plateaus[0].displacement for trial in static)]
     return min(ends) - SHIFT_LIMIT < start.value < max(ends) + SHIFT_LIMIT
 
 
-def _is_tared(fitted: FittedPull, bare: Sequence[float]) -> bool:
+def _is_tared(pull: Pull, swing: DampingFit, bare: Sequence[float]) -> bool:
     """Whether the mean force of the swing is near zero or near the force of the bare hook [N]: tared with weight."""
-    if fitted.dynamic is None:
-        return False
-    force, near = swing_force(fitted), TARED_BELOW * fitted.dynamic.oscillation.amplitude
+    force, near = swing_force(pull, swing), TARED_BELOW * swing.oscillation.amplitude
     return force < near or any(abs(force - zero) < near for zero in bare)
 
 
@@ -534,7 +491,7 @@ def _weight_causes(static: Sequence[FittedPull]) -> Iterator[Cause]:
 
     If the load cell reads a known mass correctly, the loads are wrong instead of its scale.
     """
-    scales = [load_scale(fitted.static.plateaus, fitted.pull.trial.step_masses) for fitted in static if fitted.static]
+    scales = (load_scale(fitted.plateaus, fitted.pull.trial.step_masses) for fitted in static)
     found = [scale for scale in scales if scale is not None]
     if not found:
         return
@@ -565,10 +522,10 @@ def _law_causes(classes: ModelComparison | None, *, creeps: bool) -> Iterator[Ca
         if name not in classes.chosen:
             is_excluded = classes.chosen == ("creep",) and creeps and name in {FRICTION, SLIP}
             is_worse = (1 - best) < (1 - ALIKE) * (1 - gains[name])
-            if name not in LAW_CAUSES or is_excluded or is_worse or gains[name] < GAIN:
+            if name not in LAWS or is_excluded or is_worse or gains[name] < GAIN:
                 continue
         is_friction = name == "creep" and not creeps and FRICTION in classes.chosen
         share = 1.0 if name in classes.chosen and not is_friction else 0.5
         gain = max(gains[name], GAIN)
         severity = share * gain / (1 - min(gain, 0.99)) / (GAIN / (1 - GAIN))
-        yield Cause(LAW_CAUSES[name], severity, {"law": name, "gain": gain})
+        yield Cause(CauseCode(f"cause.{name.replace(' ', '_')}"), severity, {"law": name, "gain": gain})
