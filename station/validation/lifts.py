@@ -113,6 +113,12 @@ class SolvedVariant:
     findings: Sequence[Message[AssessmentCode] | Message[ValidationCode]] = ()
 
     @property
+    def figures(self) -> Figures:
+        """Lift, variant, and numbers of frames: all, unsolved and compared ones."""
+        counts = {"frames": len(self.time), "unsolved": self.unsolved, "compared": self.compared}
+        return {"lift": self.lift, "variant": self.variant, **counts}
+
+    @property
     def rmse_percent(self) -> float:
         """RMSE to the measured force [% of body weight]."""
         return 100.0 * self.agreement.rmse / self.body_weight
@@ -180,7 +186,9 @@ def solve_variant(lift: MeasuredLift, variant: Variant) -> SolvedVariant:
     force = np.where(is_solved[:, None], solution.reaction[:, 3:], np.nan)
     size, measured = np.linalg.norm(force, axis=1), lift.measured.at(solution.time)[1]
     published = lift.published.get(variant.name)
-    theirs = _published_at(lift, variant, solution.time) if published is not None else None
+    theirs = published.at(solution.time) if published else None
+    if theirs is not None and np.isnan(theirs).all():
+        raise _refusal(ValidationCode.TIMES_DIFFER, lift=lift.name, variant=variant.name)
     is_compared = np.isfinite(measured) if theirs is None else np.isfinite(measured) & np.isfinite(theirs[:, 0])
     reference = np.where(is_compared, measured, np.nan)
     return SolvedVariant(
@@ -211,13 +219,10 @@ def verdicts(solved: list[SolvedVariant]) -> Iterator[Message[ValidationCode]]:
     """Unsolved frames, frames without a published force, and whether the published variants are within the limits."""
     for found in solved:
         if found.unsolved:
-            frames = {"unsolved": found.unsolved, "frames": len(found.time)}
-            yield Message(ValidationCode.UNSOLVED, {**frames, "lift": found.lift, "variant": found.variant})
+            yield Message(ValidationCode.UNSOLVED, found.figures)
         if found.published_span is not None and not found.is_whole:
-            counts: Figures = {"compared": found.compared, "frames": len(found.time)}
             spans = _span("", found.time) | _span("published_", found.published_span)
-            names = {"lift": found.lift, "variant": found.variant}
-            yield Message(ValidationCode.PARTLY_PUBLISHED, {**counts, **spans, **names})
+            yield Message(ValidationCode.PARTLY_PUBLISHED, {**found.figures, **spans})
     yield from _low_correlations(solved)
     judged = [found for found in solved if found.is_within_limits is not None]
     beyond = [f"{found.lift}, {found.variant}" for found in judged if not found.is_within_limits]
@@ -241,16 +246,6 @@ def _low_correlations(solved: Sequence[SolvedVariant]) -> Iterator[Message[Valid
 
 def _span(prefix: str, time: Sequence[float] | Array) -> dict[str, float]:
     return {f"{prefix}start_s": float(time[0]), f"{prefix}end_s": float(time[-1])}
-
-
-def _published_at(lift: MeasuredLift, variant: Variant, time: Array) -> Array:
-    """Published force (frames, 3) [N] at time (frames,) [s], linear between its samples; NaN where there is none."""
-    published = lift.published[variant.name]
-    force = interpolate_samples(time, published.time, published.force, 1.5 * _step(published.time))
-    force[(time < published.time[0] - TIME_TOLERANCE_S) | (time > published.time[-1] + TIME_TOLERANCE_S)] = np.nan
-    if np.isnan(force).all():
-        raise ValidationFileError(Message(ValidationCode.TIMES_DIFFER, {"lift": lift.name, "variant": variant.name}))
-    return force
 
 
 def _step(time: Array) -> float:
@@ -284,12 +279,22 @@ class ValidationFileError(StationError):
     """A folder or a file that does not make a lift with a measured force."""
 
 
+def _refusal(code: ValidationCode, **figures: float | str) -> ValidationFileError:
+    return ValidationFileError(Message(code, figures))
+
+
 @dataclass(frozen=True, eq=False)
 class PublishedForce:
     """Force (frames, 3) [N] on the scapula in ground of a published solution, at time (frames,) [s]."""
 
     time: Array
     force: Array
+
+    def at(self, time: Array) -> Array:
+        """(frames, 3) at time (frames,) [s], linear between the samples; NaN where there is none."""
+        force = interpolate_samples(time, self.time, self.force, 1.5 * _step(self.time))
+        force[(time < self.time[0] - TIME_TOLERANCE_S) | (time > self.time[-1] + TIME_TOLERANCE_S)] = np.nan
+        return force
 
 
 @dataclass(frozen=True, eq=False)
@@ -316,7 +321,7 @@ def find_lifts(folder: Path) -> list[str]:
     require_folder(folder, ValidationFileError)
     names = sorted(path.name.removesuffix(MODEL) for path in folder.glob(f"*{MODEL}"))
     if not names:
-        raise ValidationFileError(Message(ValidationCode.NO_LIFT, {"path": str(folder)}))
+        raise _refusal(ValidationCode.NO_LIFT, path=str(folder))
     return names
 
 
@@ -324,26 +329,20 @@ def read_lift(folder: Path, name: str, variants: tuple[str, ...]) -> MeasuredLif
     """A lift with the published solutions of these variants. Raises ValidationFileError, ForeignFile, SolverError."""
     needed = [f"{name}.mot", name + IMPLANT]
     if missing := [file for file in needed if not (folder / file).is_file()]:
-        figures = {"lift": name, "path": str(folder), "missing": ", ".join(missing)}
-        raise ValidationFileError(Message(ValidationCode.FILES_MISSING, figures))
+        raise _refusal(ValidationCode.FILES_MISSING, lift=name, path=str(folder), missing=", ".join(missing))
     model = read_osim(folder / (name + MODEL))
     implant = read_joint_force(folder / (name + IMPLANT))
     if implant.body_weight is None:
-        raise ValidationFileError(Message(ValidationCode.NO_BODY_WEIGHT, {"file": name + IMPLANT}))
+        raise _refusal(ValidationCode.NO_BODY_WEIGHT, file=name + IMPLANT)
     glenoid = read_joint_force(folder / (name + GLENOID)) if (folder / (name + GLENOID)).is_file() else None
     if glenoid is not None:
         _ensure_same_force(name, implant, glenoid)
     motion = read_motion(folder / f"{name}.mot", model)
     last = float(implant.time_s[-1])
     if motion.time[-1] > last + TIME_TOLERANCE_S or motion.time[0] < -TIME_TOLERANCE_S:
-        times: Figures = {
-            "lift": name,
-            "start_s": float(motion.time[0]),
-            "end_s": float(motion.time[-1]),
-            "last_s": last,
-            "file": name + IMPLANT,
-        }
-        raise ValidationFileError(Message(ValidationCode.NOT_COVERED, times))
+        raise _refusal(
+            ValidationCode.NOT_COVERED, lift=name, file=name + IMPLANT, last_s=last, **_span("", motion.time)
+        )
     files = {variant: folder / (name + PUBLISHED.format(variant=variant)) for variant in variants}
     published = {variant: read_published_force(path) for variant, path in files.items() if path.is_file()}
     notes = tuple(_notes(folder, name, implant, files))
@@ -358,25 +357,18 @@ def read_published_force(path: Path) -> PublishedForce:
     lines = read_lines(path)
     titles = [title.strip() for title in lines[0].split(",")]
     if missing := [title for title in FORCE if titles.count(title) != 1]:
-        raise ForeignFile(
-            f"{path} has {len(titles)} columns and not one {', one '.join(missing)}; use a published solution",
-            RecordingCode.FOREIGN_MISSING_COLUMN,
-        )
+        sentence = f"{path} has {len(titles)} columns and not one {', one '.join(missing)}; use a published solution"
+        raise ForeignFile(sentence, RecordingCode.FOREIGN_MISSING_COLUMN)
     for number, line in enumerate(lines[1:], start=2):
         if (found := len(line.split(","))) != len(titles):
-            raise ForeignFile(
-                f"{path} has {found} columns in line {number}, expected {len(titles)}; the file may be cut, download "
-                "it again",
-                RecordingCode.FOREIGN_CUT,
-            )
+            sentence = f"{path} has {found} columns in line {number}, expected {len(titles)}; the file may be cut"
+            raise ForeignFile(f"{sentence}, download it again", RecordingCode.FOREIGN_CUT)
     table = read_numbers(lines[1:], ",", [titles.index(title) for title in FORCE], path, 2)
     require_rising(table[:, 0], f"{path}, time,", 2)
     holes = np.flatnonzero(~np.isfinite(table).all(axis=1))
     if len(holes):
-        raise ForeignFile(
-            f"{path} has no force in line {holes[0] + 2}, expected one at every time; download it again",
-            RecordingCode.FOREIGN_NOT_A_NUMBER,
-        )
+        sentence = f"{path} has no force in line {holes[0] + 2}, expected one at every time; download it again"
+        raise ForeignFile(sentence, RecordingCode.FOREIGN_NOT_A_NUMBER)
     return PublishedForce(table[:, 0], table[:, 1:])
 
 
@@ -391,17 +383,15 @@ def _notes(
     if found and (missing := expected - found):
         yield Message(ValidationCode.PUBLISHED_MISSING, {"files": ", ".join(sorted(missing))})
     if expected and (unused := found - expected):
-        yield Message(
-            ValidationCode.PUBLISHED_UNUSED, {"files": ", ".join(sorted(unused)), "variants": ", ".join(files)}
-        )
+        figures = {"files": ", ".join(sorted(unused)), "variants": ", ".join(files)}
+        yield Message(ValidationCode.PUBLISHED_UNUSED, figures)
 
 
 def _ensure_same_force(name: str, implant: JointForceRecord, glenoid: JointForceRecord) -> None:
     same = implant.at(glenoid.time_s)[1]
     worst = float(np.nanmax(np.abs(same - glenoid.resultant)))
     if worst > LARGEST_DIFFERENCE_N:
-        figures: Figures = {"lift": name, "difference_n": worst, "limit_n": LARGEST_DIFFERENCE_N}
-        raise ValidationFileError(Message(ValidationCode.DIFFERENT_FORCES, figures))
+        raise _refusal(ValidationCode.DIFFERENT_FORCES, lift=name, difference_n=worst, limit_n=LARGEST_DIFFERENCE_N)
 
 
 @dataclass(frozen=True)
@@ -477,8 +467,6 @@ def write_validation(path: Path, solved: Sequence[SolvedVariant]) -> None:
 def _row(found: SolvedVariant) -> dict[str, str]:
     """Column → text."""
     ours, theirs = found.agreement, found.published or UNKNOWN
-    names = {"lift": found.lift, "variant": found.variant}
-    counts = {"frames": len(found.time), "unsolved": found.unsolved, "compared": found.compared}
     figures = {
         "median_difference_from_published_n": found.median_difference,
         "rmse_percent_of_body_weight": found.rmse_percent,
@@ -489,8 +477,8 @@ def _row(found: SolvedVariant) -> dict[str, str]:
         "published_peak_ratio": theirs.peak_ratio,
         "angle_to_measured_deg": math.degrees(found.angle),
     }
-    texts = {name: str(count) for name, count in counts.items()} | {key: _field(one) for key, one in figures.items()}
-    return names | texts | {"is_within_limits": {True: "true", False: "false", None: ""}[found.is_within_limits]}
+    texts = {key: str(one) for key, one in found.figures.items()} | {key: _field(one) for key, one in figures.items()}
+    return texts | {"is_within_limits": {True: "true", False: "false", None: ""}[found.is_within_limits]}
 
 
 def _field(figure: float | None) -> str:

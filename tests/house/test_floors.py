@@ -31,7 +31,7 @@ LONGEST = {
     "drivers/qualisys.py": 541,
     "fitting/diagnosis/causes.py": 531,
     "solver/tendons/fiber.py": 524,
-    "station/validation/lifts.py": 533,
+    "station/validation/lifts.py": 521,
 }
 """Lines of files that have taken in a neighbour and are not yet shorter; none may grow."""
 
