@@ -74,19 +74,10 @@ class Qualisys:
         block_s: float = BLOCK_S,
     ) -> None:
         """block_s: wall time over which frames are gathered into a block; shorter for less latency, and more blocks."""
-        wanted = tuple(dict.fromkeys(wanted_labels))
-        note = capture_note or CaptureNote(None, host_clock)
+        note, wanted = capture_note or CaptureNote(None, host_clock), tuple(dict.fromkeys(wanted_labels))
+        name, has_control = f"QTM {host}:{port}", control == "start"
         self._settings = QtmSettings(
-            f"QTM {host}:{port}",
-            host,
-            port,
-            host_clock,
-            control == "start",
-            password,
-            wanted,
-            note,
-            timeout_scale,
-            block_s,
+            name, host, port, host_clock, has_control, password, wanted, note, timeout_scale, block_s
         )
         self._connection: QtmConnection | None = None
 
@@ -108,13 +99,14 @@ class Qualisys:
 
     def open(self) -> None:
         self.close()
-        connection = QtmConnection(self._settings)
-        connection.begin()
-        self._connection = connection
+        self._connect(None)
 
     def resume(self) -> None:
         past = self._opened("resume")
         past.end(is_lost=True)
+        self._connect(past)
+
+    def _connect(self, past: QtmConnection | None) -> None:
         connection = QtmConnection(self._settings, past)
         connection.begin()
         self._connection = connection
@@ -354,13 +346,8 @@ class QtmConnection:
             try:
                 await self._ask_parameters()
             except TimeoutError:
-                self._deliver()
-                self.inbox.end(
-                    f"{self._name} is connected and silent: no frame, and no answer within "
-                    f"{self._settings.timeout_s(COMMAND_TIMEOUT_S):g} s; check that QTM has not frozen",
-                    DeviceCode.SILENT,
-                )
-                self._guard.close()
+                waited = f"no frame, and no answer within {self._settings.timeout_s(COMMAND_TIMEOUT_S):g} s"
+                self._fail(f"is connected and silent: {waited}; check that QTM has not frozen", DeviceCode.SILENT)
             except (self._refusal, DeviceError):  # any answer shows that QTM runs; _on_disconnect reports its end
                 continue
 
@@ -436,9 +423,7 @@ class QtmConnection:
         try:
             labels = (await self._ask_parameters()).labels
         except Exception as error:
-            sentence = f"{self._name} changed its settings and did not send its labels again ({error})"
-            self.inbox.end(sentence, DeviceCode.UNREADABLE)
-            self._guard.close()
+            self._fail(f"changed its settings and did not send its labels again ({error})", DeviceCode.UNREADABLE)
             return
         if missing := [label for label in self.streams[0].labels if label not in labels]:
             self._report_lost_labels(missing)
@@ -467,18 +452,21 @@ class QtmConnection:
         """Packet boundaries are lost: discard the last frame and end the connection."""
         if self.streams:
             self._blocks.forget_last()
+        self._fail(f"sent {what}; the connection cannot be read any further; check mocap.port", DeviceCode.UNREADABLE)
+
+    def _on_disconnect(self, error: Exception | None) -> None:
+        why = f" ({error})" if error else ""
+        advice = "check that QTM runs and its cable is plugged in"
+        self._fail(f"closed the connection{why}; {advice}", DeviceCode.DISCONNECTED)
+
+    def _fail(self, what: str, code: DeviceCode) -> None:
+        """End the connection with the reason, after all frames so far."""
         self._deliver()
-        sentence = f"{self._name} sent {what}; the connection cannot be read any further; check mocap.port"
-        self.inbox.end(sentence, DeviceCode.UNREADABLE)
+        self.inbox.end(f"{self._name} {what}", code)
+        self._guard.close()
 
     def _report(self, kind: str, text: str) -> None:
         self.inbox.put([Event(kind, text, self._settings.host_clock(), self._name)])
-
-    def _on_disconnect(self, error: Exception | None) -> None:
-        self._deliver()
-        why = f" ({error})" if error else ""
-        sentence = f"{self._name} closed the connection{why}; check that QTM runs and its cable is plugged in"
-        self.inbox.end(sentence, DeviceCode.DISCONNECTED)
 
 
 class Inbox:
