@@ -281,14 +281,18 @@ def _misses_load(pull: Pull, weight: float) -> bool:
     """Whether force or markers end as much as a hold before the capture, or the cuff is hidden for as long while the
     force is above all held loads by half a weight [N]. Without a held load it is compared with the force at rest.
     """
-    end = min(pull.force_time[-1], pull.marker_time[-1])
-    if pull.trial.sync_fall is not None and pull.trial.sync_fall - end > MIN_HOLD:
+    if _ends_early(pull.trial):
         return True
     hidden = pull.marker_time[np.isnan(pull.displacement)]
     at_rest = float(np.mean(pull.force[pull.force_time < pull.force_time[0] + REST]))
     highest = max((plateau.force for plateau in pull.plateaus), default=at_rest)
     is_above = np.interp(hidden, pull.force_time, pull.force) > highest + weight / 2
     return bool(np.count_nonzero(is_above) * float(np.median(np.diff(pull.marker_time))) > MIN_HOLD)
+
+
+def _ends_early(trial: Trial) -> bool:
+    """Whether force or markers end as much as a hold before the capture."""
+    return trial.capture_end is not None and trial.capture_end - trial.end > MIN_HOLD
 
 
 def _stopped_swing(trial: Trial, fit: DampingFit | None) -> Note | None:
@@ -298,7 +302,7 @@ def _stopped_swing(trial: Trial, fit: DampingFit | None) -> Note | None:
     if planned is None or swung >= SHORT_SWING * planned or _is_window(trial):
         return None
     figures: Figures = {"file": trial.file, "repeat": trial.repeat, "found_s": swung, "planned_s": planned}
-    return Note(NoteCode.STOPPED_SWINGING, figures)
+    return Note(NoteCode.SWING_CUT if _ends_early(trial) else NoteCode.STOPPED_SWINGING, figures)
 
 
 def _is_window(trial: Trial) -> bool:

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from documents.results import EqualByFields
 from fitting.errors import UnusableTrial
+from fitting.pull.common_clock import require_common_steps, require_common_swing, require_steady_cell
 from fitting.pull.cuff_motion import (
     OCCLUSION_LIMIT,
     OCCLUSION_NOTE,
@@ -30,7 +31,7 @@ from fitting.pull.cuff_motion import (
     reference_posture,
 )
 from fitting.pull.exchanged_labels import require_own_labels
-from fitting.pull.plateaus import Plateau, check_steps, find_plateaus
+from fitting.pull.plateaus import MIN_TOLERANCE, UNLOADED, Plateau, check_steps, find_plateaus
 from fitting.results.sentences import Note
 from fitting.results.trial_codes import RejectionCode, TrialNoteCode
 from fitting.trial.calibration import code_width
@@ -40,13 +41,8 @@ from fitting.trial.trial import Trial
 if TYPE_CHECKING:
     import pandas as pd
 
-BIN, SIDE = 0.05, 0.5
-"""Step of the grid, and stretch before and after an instant whose means are compared [s]."""
-MOST_OFFSET, TOLERANCE = 10.0, 0.5
-"""Largest offset that is tried, and largest one without effect on a hold, whose first second is left out [s]."""
-CLEAR, LEAST_PART = 0.7, 0.7
-"""Correlation of the steps from which their offset is certain, and the part of it that they need without an offset.
-Cuffs that creep, slip or have friction have 0.8 to 1 without one; steps of the load 1 s apart have 0.4."""
+SWING_DRIFT = 0.5
+"""Part of the range of the force by which it may drift in a swing, whose fit includes a drift."""
 STUCK = 1.0
 MOST_CREEP = 0.2
 """Part of the range of displacement by which the cuff may creep or slip while the load is held."""
@@ -219,8 +215,11 @@ def _project(moved: _Moved, direction: NDArray[np.float64], number: int, turned:
     trial = moved.trial
     displacement = along(moved.motion, direction)
     require_plausible_displacement(displacement)
-    require_live_force(trial.force_time, trial.force, trial.marker_time, displacement)
+    signals = trial.force_time, trial.force, trial.marker_time, displacement
+    require_live_force(*signals)
     require_live_markers(trial.marker_time, trial.markers, trial.force_time, trial.force)
+    part, least = (UNLOADED, MIN_TOLERANCE) if trial.test == "static" else (SWING_DRIFT, 0.0)
+    require_steady_cell(*signals, max(part * float(np.ptp(trial.force)), least))
     plateaus: tuple[Plateau, ...] = ()
     notes = moved.notes + turned
     if trial.test == "static":
@@ -228,8 +227,10 @@ def _project(moved: _Moved, direction: NDArray[np.float64], number: int, turned:
             trial.force_time, trial.force, trial.force_step, trial.marker_time, displacement, trial.step_times
         )
         require_positive_loads(plateaus)
-        require_common_steps(trial.force_time, trial.force, trial.marker_time, displacement)
+        require_common_steps(*signals)
         notes += check_steps(plateaus, trial.step_masses)
+    else:
+        require_common_swing(*signals)
     return Pull(
         trial=trial,
         force_time=trial.force_time,
@@ -243,43 +244,6 @@ def _project(moved: _Moved, direction: NDArray[np.float64], number: int, turned:
         notes=trial.notes + notes,
         direction_number=number,
     )
-
-
-def require_common_steps(
-    force_time: NDArray[np.float64],
-    force: NDArray[np.float64],
-    marker_time: NDArray[np.float64],
-    displacement: NDArray[np.float64],
-) -> None:
-    """Raise UnusableTrial if displacement (frames,) [m] follows the steps of force (n,) [N] at other times [s]."""
-    seen = np.isfinite(displacement)
-    if np.count_nonzero(seen) < 2:
-        return
-    grid = np.arange(max(force_time[0], marker_time[0]), min(force_time[-1], marker_time[-1]), BIN)
-    reach, tolerated = round(MOST_OFFSET / BIN), round(TOLERANCE / BIN)
-    if len(grid) <= 2 * reach:
-        return
-    position = np.interp(grid, marker_time[seen], displacement[seen])
-    correlation = _correlation(_steps(np.interp(grid, force_time, force)), _steps(position), reach)
-    best = int(np.argmax(correlation))
-    aligned = float(correlation[reach - tolerated : reach + tolerated + 1].max())
-    if correlation[best] > CLEAR and aligned < LEAST_PART * correlation[best]:
-        raise UnusableTrial(RejectionCode.STEPS_APART, {"offset_s": (best - reach) * BIN})
-
-
-def _steps(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(n,) difference of the means after and before every instant."""
-    half = round(SIDE / BIN) // 2
-    mean = scipy.ndimage.uniform_filter1d(values, 2 * half)
-    stepped = np.zeros_like(mean)
-    stepped[half:-half] = mean[2 * half :] - mean[: -2 * half]
-    return stepped
-
-
-def _correlation(force: NDArray[np.float64], displacement: NDArray[np.float64], reach: int) -> NDArray[np.float64]:
-    """(2 reach + 1,) correlation of force (n,) with displacement (n,) that is −reach to reach samples later."""
-    scale = float(np.linalg.norm(force) * np.linalg.norm(displacement))
-    return np.correlate(np.pad(displacement, reach), force, "valid") / scale if scale > 0 else np.zeros(2 * reach + 1)
 
 
 def require_live_force(

@@ -240,6 +240,11 @@ class NoteCode(Code):
         "dynamic, repeat {repeat:.0f}: stopped after {found_s:.0f} of {planned_s:.0f} s of swinging; record it again, "
         "and keep the weight swinging",
     )
+    SWING_CUT = (
+        "note.swing_cut",
+        "dynamic, repeat {repeat:.0f}: force or markers end after {found_s:.0f} of {planned_s:.0f} s of swinging, "
+        "before the capture ends; check the load cell and the mocap system, and record it again",
+    )
     SLIPS_AGAIN = (
         "note.slips_again",
         "the cuff slips even at loads that it carried before, by {distance_m:mm .2f} mm from the first trial to the "
@@ -356,11 +361,13 @@ _LOADS_MISSING = (
     Verdict.STIFFNESS_NOT_CONVERGED,
     Verdict.NOT_UNLOADED,
 )
+_SWING_MISSING = (Verdict.NO_DYNAMIC, Verdict.DAMPING_UNCERTAIN, Verdict.DAMPING_NOT_CONVERGED)
 EXPLAINED_BY: Mapping[StrEnum, tuple[Verdict, ...]] = {
     NoteCode.STOPPED_LOADING: _LOADS_MISSING,
     NoteCode.HIDDEN_LOADS: _LOADS_MISSING,
     NoteCode.STOPPED_UNLOADING: (Verdict.ONLY_ROSE, Verdict.NOT_UNLOADED),
-    NoteCode.STOPPED_SWINGING: (Verdict.NO_DYNAMIC, Verdict.DAMPING_UNCERTAIN, Verdict.DAMPING_NOT_CONVERGED),
+    NoteCode.STOPPED_SWINGING: _SWING_MISSING,
+    NoteCode.SWING_CUT: _SWING_MISSING,
 }
 """Note on loads or a swing that are missing → verdicts that follow."""
 

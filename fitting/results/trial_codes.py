@@ -12,6 +12,9 @@ _ONLY_DAMAGE = (
 )
 _REST = "the force at rest changes by {drift_n:+.2f} N from start to end, expected at most {limit_n:.2f} N"
 _FREQUENT = "samples per cycle of {frequency_hz:.2f} Hz, expected at least {expected:g}"
+_SPIKES = "force leaps by up to {most_n:.0f} N for one or two samples, {count:.0f} of {total:.0f}"
+_PLUG = "check plug, cable and shield of the load cell"
+_LOST = " were lost {count:time}, {total_s:.2f} s in all, at most {longest_s:.2f} s at a time"
 _STUCK = "force reads {force_n:.2f} N without change for {duration_s:.1f} s from {start_s:.1f} s on "
 _HUNG = f"the converter or its stream hung; check the amplifier and its cable, and {_AGAIN}"
 _CABLE = " {count:time} for less than 20 ms, at {at}; ignored, check the cable"
@@ -60,10 +63,7 @@ class RejectionCode(Code):
         "force ends {force_end_s:.2f} s and markers end {marker_end_s:.2f} s after the sync edge, with {samples:sample}"
         f" and {{frames:frame}} in {{both_s:.2f}} s of both, expected at least {{expected_s:g}} s; {_AGAIN}",
     )
-    NO_FRAMES = (
-        "rejected.no_frames",
-        "the recording has no marker frame after the sync edge; check that QTM was capturing",
-    )
+    NO_FRAMES = "rejected.no_frames", "the recording has no marker frame after the sync edge; check that QTM captured"
     MISSING_MARKERS = (
         "rejected.missing_markers",
         "the recording has no marker {missing}, only {present}; correct the labels in QTM or in the cuff's section of "
@@ -114,6 +114,7 @@ class RejectionCode(Code):
         "the force is missing in {share:percent .0f} % of the marker frames, expected at most {limit:percent .0f} %; "
         "check the connection of the load cell and its rate, and record again",
     )
+    FORCE_SPIKES = "rejected.force_spikes", f"{_SPIKES}; {_PLUG}, and {_AGAIN}"
     FORCE_SATURATED = (
         "rejected.force_saturated",
         "force is saturated in {count:.0f} of {total:.0f} samples (at {limit:.4g} {unit}); check wiring, "
@@ -124,10 +125,7 @@ class RejectionCode(Code):
         "force reads {value:g} in all {total:.0f} samples, expected noise and load; check the load cell",
     )
     FORCE_STUCK_MOVING = "rejected.force_stuck_while_moving", f"{_STUCK}while the cuff moves: {_HUNG}"
-    FORCE_STUCK_QUIET = (
-        "rejected.force_stuck_without_noise",
-        f"{_STUCK}although its noise is {{noise_n:.2g}} N: {_HUNG}",
-    )
+    FORCE_STUCK_QUIET = "rejected.force_stuck_without_noise", f"{_STUCK}with a noise of {{noise_n:.2g}} N: {_HUNG}"
     FORCE_NOISE = (
         "rejected.force_noise_alone",
         "force is noise about {force_n:.2f} N while the cuff moves by {travel_m:mm .1f} mm; check that the load cell "
@@ -138,9 +136,14 @@ class RejectionCode(Code):
         "force falls from {before_n:.1f} N to {after_n:.1f} N when the load is added, expected a rise; "
         "reverse the polarity of the cell in the configuration",
     )
+    FORCE_DRIFTS = (
+        "rejected.force_drifts",
+        "the force drifts by {drift_n_per_s:+.2f} N/s for {duration_s:.0f} s while the cuff rests; let the load cell "
+        f"and its amplifier warm up, check their supply, and {_AGAIN}",
+    )
     STEPS_APART = (
         "rejected.steps_apart",
-        "force and displacement are not on one clock: their steps are {offset_s:+.1f} s apart, positive if the "
+        "force and displacement are not on one clock: they change {offset_s:+.1f} s apart, positive if the "
         "displacement is later; check the sync line, or import the files with this lag (`--lag-s`)",
     )
     ZERO_DRIFT = (
@@ -262,10 +265,8 @@ class TrialNoteCode(Code):
     INCOMPLETE = "recording.incomplete", "{missing}"
     ASSIGNED = "recording.assigned", "assigned to this trial by the operator; recorded as {recorded_as}"
     WINDOW = "recording.window", "only {start_s:.2f} to {end_s:.2f} s of the trial are used"
-    FORCE_LOST = (
-        "force.samples_lost",
-        "force samples were lost {count:time}, {total_s:.2f} s in all, at most {longest_s:.2f} s at a time",
-    )
+    FORCE_LOST = "force.samples_lost", "force samples" + _LOST
+    FORCE_SPIKES = "force.spikes", f"{_SPIKES}, which are left out; {_PLUG}"
     FORCE_MISSING = (
         "force.missing",
         "the force is missing in {share:percent .0f} % of the marker frames, which are left out",
@@ -274,10 +275,7 @@ class TrialNoteCode(Code):
         "force.zero_drift",
         _REST + "; look for a load that was left on, and let the load cell and its amplifier warm up",
     )
-    FRAMES_LOST = (
-        "markers.frames_lost",
-        "marker frames were lost {count:time}, {total_s:.2f} s in all, at most {longest_s:.2f} s at a time",
-    )
+    FRAMES_LOST = "markers.frames_lost", "marker frames" + _LOST
     MARKERS_HIDDEN = "markers.hidden", "anchor or cuff markers are hidden in {hidden:percent .0f} % of the frames"
     GHOSTS = "markers.ghosts", "marker positions that jumped or were exchanged were left out: {markers}"
     LOOSE_MARKER = (

@@ -1,4 +1,4 @@
-"""Calibration of the load cell: raw force to newtons, quantisation error, and results of bounce trials."""
+"""Calibration of the load cell: raw force to newtons, faulty samples, quantisation error, results of bounce trials."""
 
 from __future__ import annotations
 
@@ -7,10 +7,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
-from documents.message import Code
+from documents.message import Code, Figures
+from fitting.errors import UnusableTrial
 from fitting.results.sentences import Note
+from fitting.results.trial_codes import RejectionCode, TrialNoteCode
 from fitting.uncertainty import Estimate
 from recordings.manifest import DataOrigin, LoadCell
 from recordings.standard_gravity import g
@@ -113,6 +116,58 @@ def find_mistake(ratio: float) -> GainMistake:
 def to_newtons(raw: NDArray[np.float64], cell: LoadCell) -> NDArray[np.float64]:
     """Force [N] from the device's unit, any shape. The zero is not removed, because every fit has a free offset."""
     return cell.polarity * cell.newtons_per_unit * raw
+
+
+SPIKE_NEIGHBOURS, SPIKE_RATE_HZ = 5, 40.0
+"""Samples whose median a spike of one or two samples does not change, and the rate above which no load is so short."""
+SPIKE_NOISE, SPIKE_PART, SPIKE_N = 10.0, 0.5, 5.0
+"""Least distance of a spike from this median: in median distances, as part of the range of the medians, and [N]."""
+MOST_SPIKES = 0.02
+
+
+def find_spikes(force: NDArray[np.float64], rate_hz: float) -> NDArray[np.bool_]:
+    """Samples (n,) of force (n,) [N] that leap for one or two samples, as by a loose contact or interference.
+
+    Raises UnusableTrial if they are more than MOST_SPIKES of the samples.
+    """
+    if len(force) < SPIKE_NEIGHBOURS or rate_hz < SPIKE_RATE_HZ or not np.isfinite(force).all():
+        return np.zeros(len(force), bool)
+    median = scipy.ndimage.median_filter(force, SPIKE_NEIGHBOURS, mode="nearest")
+    apart = np.abs(force - median)
+    low, high = np.percentile(median, [0.5, 99.5])
+    is_spike = apart > max(SPIKE_NOISE * float(np.median(apart)), SPIKE_PART * float(high - low), SPIKE_N)
+    if np.mean(is_spike) > MOST_SPIKES:
+        raise UnusableTrial(RejectionCode.FORCE_SPIKES, _spike_figures(apart, is_spike))
+    return np.asarray(is_spike)
+
+
+def spike_notes(force: NDArray[np.float64], is_spike: NDArray[np.bool_]) -> tuple[Note, ...]:
+    """A note if samples of force (n,) [N] were left out as spikes (n,)."""
+    if not is_spike.any():
+        return ()
+    return (Note(TrialNoteCode.FORCE_SPIKES, _spike_figures(np.abs(force - np.median(force)), is_spike)),)
+
+
+def _spike_figures(apart: NDArray[np.float64], is_spike: NDArray[np.bool_]) -> Figures:
+    count = int(np.count_nonzero(is_spike))
+    return {"count": count, "total": len(is_spike), "most_n": float(apart[is_spike].max())}
+
+
+def require_sound_force(values: NDArray[np.float64], limit: float, unit: str = "V") -> None:
+    """Raise UnusableTrial for invalid, saturated or constant force samples (n,), in the device's unit.
+
+    limit is the largest valid reading, inf if unknown.
+    """
+    total = len(values)
+    broken = int(np.count_nonzero(~np.isfinite(values)))
+    if broken:
+        raise UnusableTrial(RejectionCode.FORCE_NOT_FINITE, {"count": broken, "total": total})
+    saturated = int(np.count_nonzero(np.abs(values) >= 0.99 * limit))
+    if saturated > 3:  # one or two samples at full scale are an electrical spike, not a load
+        figures: Figures = {"count": saturated, "total": total, "limit": limit, "unit": unit}
+        raise UnusableTrial(RejectionCode.FORCE_SATURATED, figures)
+    if total and np.all(values == values[0]):
+        raise UnusableTrial(RejectionCode.FORCE_CONSTANT, {"value": float(values[0]), "total": total})
 
 
 def full_scale(cell: LoadCell, converter: float) -> float:

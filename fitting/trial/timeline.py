@@ -17,7 +17,14 @@ from documents.message import Figures
 from fitting.errors import UnusableTrial
 from fitting.results.sentences import Note
 from fitting.results.trial_codes import RejectionCode, TrialNoteCode
-from fitting.trial.calibration import code_width, full_scale, to_newtons
+from fitting.trial.calibration import (
+    code_width,
+    find_spikes,
+    full_scale,
+    require_sound_force,
+    spike_notes,
+    to_newtons,
+)
 from fitting.trial.clocks import (
     DRIFT_PRIOR_SD,
     HOST_ALIGNMENT_SD,
@@ -60,23 +67,6 @@ def require_labels(wanted: tuple[str, ...], present: tuple[str, ...]) -> None:
     if missing:
         figures = {"missing": ", ".join(missing), "present": ", ".join(present) or "none"}
         raise UnusableTrial(RejectionCode.MISSING_MARKERS, figures)
-
-
-def require_sound_force(values: NDArray[np.float64], limit: float, unit: str = "V") -> None:
-    """Raise UnusableTrial for invalid, saturated or constant force samples (n,), in the device's unit.
-
-    limit is the largest valid reading, inf if unknown.
-    """
-    total = len(values)
-    broken = int(np.count_nonzero(~np.isfinite(values)))
-    if broken:
-        raise UnusableTrial(RejectionCode.FORCE_NOT_FINITE, {"count": broken, "total": total})
-    saturated = int(np.count_nonzero(np.abs(values) >= 0.99 * limit))
-    if saturated > 3:  # one or two samples at full scale are an electrical spike, not a load
-        figures: Figures = {"count": saturated, "total": total, "limit": limit, "unit": unit}
-        raise UnusableTrial(RejectionCode.FORCE_SATURATED, figures)
-    if total and np.all(values == values[0]):
-        raise UnusableTrial(RejectionCode.FORCE_CONSTANT, {"value": float(values[0]), "total": total})
 
 
 def loss_notes(
@@ -128,12 +118,13 @@ SHORTEST = 1.0
 class Timeline:
     """Both streams from the edge to the end of the shorter one. Session time 0 is the rising edge of /sync.
 
-    force_time, force    (n,) s, N: without lost samples; zero not removed
+    force_time, force    (n,) s, N: without lost samples and spikes; zero not removed
     force_step           N per converter code, 0 if unknown
     marker_time          (frames,) s, a regular grid
     markers              (frames, labels, 3) m in the mocap frame; NaN for a hidden marker and for a lost frame
     clock, lag           the DAQ's clock relative to the mocap system's, and lag of force with its uncertainty
     sync_fall            s, falling edge of the sync line; None if it was not recorded
+    capture_end          s, the same, or else the end of the longer stream
     force_gaps, frame_gaps  (start, end) s of lost samples
     notes                remarks on the alignment
     """
@@ -146,6 +137,7 @@ class Timeline:
     clock: ClockFit
     lag: LagUncertainty
     sync_fall: float | None
+    capture_end: float
     force_gaps: tuple[tuple[float, float], ...]
     frame_gaps: tuple[tuple[float, float], ...]
     notes: tuple[Note, ...]
@@ -156,8 +148,11 @@ def build_timeline(manifest: Manifest, tracks: Mapping[str, Track], labels: tupl
     force, frames = _force_track(manifest, tracks), _numbered_track(tracks, "/markers")
     require_labels(labels, frames.stream.labels)
     raw = np.empty(0) if force is None else force.values[:, 0].astype(np.float64)
+    newtons = to_newtons(raw, manifest.load_cell)
+    is_spike = np.zeros(len(raw), bool)
     if force is not None and manifest.is_force_used:
-        require_sound_force(raw, _full_scale(manifest, force.stream), force.stream.unit)
+        is_spike = find_spikes(newtons, force.stream.rate_hz)
+        require_sound_force(raw[~is_spike], _full_scale(manifest, force.stream), force.stream.unit)
     aligned = (
         align_by_sync_edge(manifest, tracks) if manifest.begins_at_edge else _align_as_declared(manifest, force, frames)
     )
@@ -168,21 +163,21 @@ def build_timeline(manifest: Manifest, tracks: Mapping[str, Track], labels: tupl
     force_time = aligned.force_time + lag.value
     in_frames, end = _overlap(force_time if manifest.is_force_used else marker_time, marker_time)
     in_force = (force_time >= 0) & (force_time <= end)
-    newtons = to_newtons(raw, manifest.load_cell)
     force_gaps = _gaps(force.numbers, force_time, end) if force is not None and manifest.is_force_used else ()
     frame_gaps = _gaps(frames.numbers, first_frame + frames.seconds - frames.seconds[0], end)
     return Timeline(
-        force_time=force_time[in_force],
-        force=newtons[in_force],
+        force_time=force_time[in_force & ~is_spike],
+        force=newtons[in_force & ~is_spike],
         force_step=code_width(newtons),
         marker_time=marker_time[in_frames],
         markers=MILLIMETRE * grid[in_frames],
         clock=aligned.clock,
         lag=lag,
         sync_fall=aligned.sync_fall,
+        capture_end=float(max([marker_time[-1], *force_time[-1:]])) if aligned.sync_fall is None else aligned.sync_fall,
         force_gaps=force_gaps,
         frame_gaps=frame_gaps,
-        notes=notes + loss_notes(force_gaps, frame_gaps),
+        notes=notes + loss_notes(force_gaps, frame_gaps) + spike_notes(newtons, in_force & is_spike),
     )
 
 

@@ -68,7 +68,7 @@ class Trial(EqualByFields):
     labels          of the markers: anchor, cuff, rope
     markers         (frames, markers, 3) m in the mocap frame; NaN for a hidden marker and for a lost frame
     lag             of force against markers, already applied, with its uncertainty
-    sync_fall       s, falling edge of the sync line; None if it was not recorded
+    capture_end     s, falling edge of the sync line, or else the end of the longer stream; None if unknown
     sync            certificate of the sync line; None without a sync line
     zero_drift      N, change of the force at rest from start to end; None without rest or without the capture's end
     gain_sd         relative standard uncertainty of the load cell's scale
@@ -101,7 +101,7 @@ class Trial(EqualByFields):
     labels: tuple[str, ...]
     markers: NDArray[np.float64]
     lag: LagUncertainty
-    sync_fall: float | None = None
+    capture_end: float | None = None
     sync: SyncCertificate | None = None
     zero_drift: float | None = None
     gain_sd: float = 0.0
@@ -267,7 +267,7 @@ def build_trial(manifest: Manifest, tracks: Mapping[str, Track], file: str, sha2
         labels=site.labels,
         markers=timeline.markers,
         lag=timeline.lag,
-        sync_fall=timeline.sync_fall,
+        capture_end=timeline.capture_end,
         sync=certify(manifest, decimate(manifest, tracks)),
         zero_drift=drift,
         gain_sd=manifest.load_cell.gain_relative_sd,

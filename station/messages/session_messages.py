@@ -150,6 +150,11 @@ class ReasonCode(Code):
         "stopped after {found:.0f} of {planned:weight} were taken off; redo the trial, and take all of them off "
         "one by one",
     )
+    SWING_CUT = (
+        "reason.swing_cut",
+        "force or markers end after {found_s:.0f} of {planned_s:.0f} s of swinging, before the capture ends; check the "
+        "load cell and the mocap system, and redo the trial",
+    )
     SWING_SHORT = (
         "reason.swing_short",
         "stopped after {found_s:.0f} of {planned_s:.0f} s of swinging; redo the trial, and keep the weight swinging",

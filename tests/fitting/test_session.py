@@ -20,6 +20,8 @@ from fitting.session import fit_session
 from fitting.trial.bounce import calibrate
 from fitting.trial.trial import RejectedTrial, Trial, build_bounce, build_trial, calibrated
 from fitting.uncertainty import normal_estimate
+from recordings.manifest import MeasurementProtocol
+from recordings.reader import Track
 from tests.fitting.bouncing import Bounce
 from tests.fitting.bouncing import recorded as bounced
 from tests.fitting.defects import Law, OddSession, Rig
@@ -238,8 +240,21 @@ def test_a_stream_that_ends_before_the_capture_is_no_trial_that_ended_early(end_
     """The sync line falls when the capture ends: there, too, all weights were on, or off again."""
     static, dynamic = _donning("hand")[0]
     planned = replace(static, step_masses=tuple(weight / 9.80665 for weight in (15.0,) * 5))
-    fit = _fit([replace(_cut(planned, end_s), sync_fall=43.0), dynamic])
+    fit = _fit([replace(_cut(planned, end_s), capture_end=43.0), dynamic])
     assert [note.code for note in fit.notes if note.code in EXPLAINED_BY] == [NoteCode.HIDDEN_LOADS]
+
+
+def test_a_daq_that_stops_with_its_sync_line_is_no_trial_that_ended_early() -> None:
+    """The frames show that the capture went on."""
+    for test, samples, code in (("static", 12_000, NoteCode.HIDDEN_LOADS), ("dynamic", 8_000, NoteCode.SWING_CUT)):
+        session = Session(published("hand"), 1)
+        both = {"static": session.static(), "dynamic": session.dynamic()}
+        manifest, tracks = both[test]
+        protocol = MeasurementProtocol(step_masses_kg=(15.0 / 9.80665,) * 5, swing_s=20.0)
+        cut = {name: track if name == "/markers" else _first(track, samples) for name, track in tracks.items()}
+        both[test] = replace(manifest, protocol=protocol), cut
+        fit = _fit([build_trial(*recorded, name, name) for name, recorded in both.items()])
+        assert [note.code for note in fit.notes if note.code in EXPLAINED_BY] == [code]
 
 
 def test_a_line_across_hidden_frames_is_no_law_of_the_cuff() -> None:
@@ -375,6 +390,11 @@ def test_the_curves_of_every_used_trial_are_there_for_the_figures() -> None:
     assert slope == pytest.approx(dynamic.dynamic.damping.value, rel=0.02)
 
 
+def _first(track: Track, samples: int) -> Track:
+    names = ("sample_numbers", "device_time_ns", "host_time_ns", "values")
+    return replace(track, **{name: getattr(track, name)[:samples] for name in names})
+
+
 def _cut(trial: Trial, end: float) -> Trial:
     in_force, in_frames = trial.force_time <= end, trial.marker_time <= end
     return replace(
@@ -383,5 +403,5 @@ def _cut(trial: Trial, end: float) -> Trial:
         force=trial.force[in_force],
         marker_time=trial.marker_time[in_frames],
         markers=trial.markers[in_frames],
-        sync_fall=end,
+        capture_end=end,
     )

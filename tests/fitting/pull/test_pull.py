@@ -1,4 +1,4 @@
-"""Force and displacement that are not on one clock: the loads step in one and later in the other."""
+"""Force and displacement that do not belong together: not on one clock, or a force that drifts under held loads."""
 
 from __future__ import annotations
 
@@ -10,14 +10,15 @@ import pytest
 from scipy import stats
 
 from fitting.errors import UnusableTrial
+from fitting.pull.common_clock import require_common_steps, require_steady_cell
 from fitting.pull.plateaus import Plateau, check_steps, find_plateaus, find_steps, load_scale
-from fitting.pull.pull import make_pulls, require_common_steps
+from fitting.pull.pull import make_pulls
 from fitting.results.trial_codes import RejectionCode, TrialNoteCode
 from fitting.trial.calibration import GainMistake
 from fitting.trial.trial import Trial, build_trial
 from tests.fitting.defects import Law, OddSession, Rig
 from tests.fitting.experiment import PUBLISHED, Session, Truth, published
-from tests.refusals import figures_by_code
+from tests.refusals import figures_by_code, raises_refusal
 
 LEVELS = (2.0, 12.0, 22.0, 32.0, 12.0, 2.0)
 MASSES = (1.5, 1.5, 1.0)
@@ -28,6 +29,53 @@ MISTAKES = {
     0.1: (GainMistake.CAPACITY_TENTH, GainMistake.KILOGRAMS_FOR_NEWTONS),
 }
 SETS = [(1.5,) * 5, (0.5,) * 8, (0.3,) * 4, (2.0, 1.0, 0.5), (2.0,) * 3]
+
+
+@pytest.mark.parametrize(
+    ("truth", "law"),
+    [
+        (published("hand"), None),
+        (published("waist", frequency=2.0), None),
+        (Truth(), Law(friction=6.0)),
+        (Truth(), Law(slip_from=15.0)),
+        (Truth(), Law(slow=(0.4, 5.0))),
+    ],
+)
+def test_a_swing_whose_files_are_whole_periods_apart_is_rejected(truth: Truth, law: Law | None) -> None:
+    """Its phase is right, and c would be identified."""
+    session = Session(truth, 3) if law is None else OddSession(law, Rig(), 5, truth)
+    session.static()  # in which the cuff slips
+    trial = build_trial(*session.dynamic(), "d", "d")
+    assert make_pulls([trial])[1] == {}
+    for late in (1 / truth.frequency, -1 / truth.frequency, 2 / truth.frequency):
+        reason = make_pulls([replace(trial, force_time=trial.force_time - late)])[1]["d"]
+        assert reason.code is RejectionCode.STEPS_APART
+        assert reason.figures["offset_s"] == pytest.approx(late, abs=0.15)
+
+
+@pytest.mark.parametrize("test", ["static", "dynamic"])
+def test_a_load_cell_that_drifts_is_named(test: str) -> None:
+    """Loads that drift are not held: no weight would be counted."""
+    session = Session(published("hand"), 1)
+    manifest, tracks = getattr(session, test)()
+    for drift in (-2.0, 0.0, 2.0, 5.0):
+        force = tracks["/force"]
+        seconds = force.sample_numbers / session.truth.force_rate
+        volts = force.values + (drift / session.truth.newtons_per_volt * seconds)[:, None]
+        _, reasons = make_pulls([build_trial(manifest, {**tracks, "/force": replace(force, values=volts)}, "s", "s")])
+        assert [reason.code for reason in reasons.values()] == [RejectionCode.FORCE_DRIFTS] * (drift != 0.0)
+        for reason in reasons.values():
+            assert reason.figures["drift_n_per_s"] == pytest.approx(drift, rel=0.1)
+
+
+def test_a_force_that_the_cuff_follows_or_that_returns_does_not_drift() -> None:
+    time = np.arange(0.0, 40.0, 0.01)
+    pulled, still = 2.0 * time, 1e-5 * np.sin(9 * time)
+    require_steady_cell(time, pulled, time, pulled / 8000, 5.0)
+    require_steady_cell(time, np.where(time < 39.0, 0.5 * time, 0.0), time, still, 5.0)
+    require_steady_cell(time, 0.1 * time, time, still, 5.0)
+    with raises_refusal(RejectionCode.FORCE_DRIFTS, drift_n_per_s=pytest.approx(0.2), duration_s=pytest.approx(40.0)):
+        require_steady_cell(time, 0.2 * time, time, still, 5.0)
 
 
 @cache

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from fitting.cuffs.cuffs_file import sync_entry
 from fitting.results.trial_codes import RejectionCode, TrialNoteCode
+from fitting.trial.calibration import require_sound_force
 from fitting.trial.decimation import Decimator, decimate, highest_rate
 from fitting.trial.timeline import (
     Timeline,
@@ -21,7 +22,6 @@ from fitting.trial.timeline import (
     damage_figures,
     loss_notes,
     require_labels,
-    require_sound_force,
     require_steady_zero,
     zero_drift,
     zero_notes,
@@ -517,6 +517,29 @@ def test_force_that_cannot_be_right_is_refused_with_its_count(
         return
     with raises_refusal(RejectionCode[f"FORCE_{code}"], **(figures or {})):
         require_sound_force(np.array(values), limit, "N")
+
+
+@pytest.mark.parametrize(("samples", "count"), [(1, 12), (2, 24), (4, 0), (50, None)])
+def test_spikes_of_the_force_are_left_out_and_counted(samples: int, count: int | None) -> None:
+    """A load lasts for longer than two samples; many spikes are refused."""
+    manifest, tracks = Session(published("hand"), 1).static()
+    clean, force, starts = build_timeline(manifest, tracks, manifest.cuff.labels), tracks["/force"], np.arange(5, 53, 4)
+    volts, cell = force.values.copy(), manifest.load_cell
+    spikes = (1000 * starts[:, None] + (np.arange(samples) if samples < 50 else 4 * np.arange(samples * 4))).ravel()
+    volts[spikes] += 500.0 / cell.newtons_per_unit
+    spiked = {**tracks, "/force": replace(force, values=volts)}
+    if count is None:
+        with raises_refusal(RejectionCode.FORCE_SPIKES, count=len(spikes), total=len(volts)):
+            build_timeline(manifest, spiked, manifest.cuff.labels)
+        return
+    timeline = build_timeline(manifest, spiked, manifest.cuff.labels)
+    assert len(clean.force) - len(timeline.force) == count and timeline.force_gaps == ()
+    found = figures_by_code(timeline.notes).get(TrialNoteCode.FORCE_SPIKES, {"count": 0})
+    assert found["count"] == count
+    if count:
+        assert found["most_n"] == pytest.approx(500.0, abs=90.0) and np.max(timeline.force) == np.max(clean.force)
+        limited = replace(manifest, load_cell=replace(cell, capacity_kg=30.0))  # more than three samples are beyond it
+        assert len(build_timeline(limited, spiked, manifest.cuff.labels).force) == len(timeline.force)
 
 
 def test_losses_of_both_streams_are_counted_summed_and_the_longest_named() -> None:
