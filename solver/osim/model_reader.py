@@ -27,15 +27,8 @@ from solver.model import GROUND, Actuator, Body, CoordinateForce, Marker, Model,
 from solver.multibody.loads import ForceElement
 from solver.osim.document import DRAWN, Element, read_document
 from solver.osim.earlier_versions import as_version_4, force_set_as_version_4, is_earlier
-from solver.osim.force_reader import (
-    ACTUATORS,
-    COORDINATE_FORCES,
-    FORCE_ELEMENTS,
-    ForceContext,
-    read_actuators,
-    read_coordinate_force,
-    read_force_element,
-)
+from solver.osim.force_elements import ACTUATORS, COORDINATE_FORCES, FORCE_ELEMENTS, read_force
+from solver.osim.force_parts import ForceContext
 from solver.osim.joint_reader import (
     ensure_known_constraint,
     read_constraint,
@@ -43,7 +36,7 @@ from solver.osim.joint_reader import (
     read_joint,
     read_joint_frames,
 )
-from solver.osim.muscle_reader import MUSCLES, has_function_path, read_muscle, read_surface
+from solver.osim.muscle_elements import MUSCLES, has_function_path, read_muscle, read_surface
 from solver.osim.names import INERT, Names, OffsetFrame
 
 S = TypeVar("S")
@@ -389,12 +382,12 @@ def read_force_set(elements: Sequence[Element], context: ForceContext, obstacles
         found = obstacles.among(kind, [element for element in elements if element.tag in tags])
         return tuple(one for several in found for one in several)
 
-    names, surfaces = context.names, context.surfaces
+    names, surfaces, force = context.names, context.surfaces, partial(read_force, context=context)
     return ForceSet(
         muscles=read(MUSCLES, lambda element: [read_muscle(element, names, surfaces)]),
-        actuators=read(ACTUATORS, lambda element: read_actuators(element, names, surfaces)),
-        coordinate_forces=read(COORDINATE_FORCES, lambda element: [read_coordinate_force(element, names)]),
-        forces=read(FORCE_ELEMENTS, lambda element: [read_force_element(element, context)]),
+        actuators=read(ACTUATORS, force),
+        coordinate_forces=read(COORDINATE_FORCES, force),
+        forces=read(FORCE_ELEMENTS, force),
     )
 
 

@@ -51,7 +51,8 @@ from solver.osim.elements import (
     body_path,
     find_objects,
 )
-from solver.osim.force_writer import add_force, add_muscle
+from solver.osim.force_elements import add_force
+from solver.osim.muscle_elements import add_muscle
 
 Array = NDArray[np.float64]
 

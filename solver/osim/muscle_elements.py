@@ -1,7 +1,11 @@
-"""Read muscles, their paths and the surfaces that these wrap over, of an OpenSim file."""
+"""Muscles of an OpenSim file, read and written; and the paths of forces with the surfaces that they wrap over, read.
+
+The writer gives all digits. It writes tendons as rigid (model_writer.py); their curves stay in the file.
+"""
 
 from __future__ import annotations
 
+import xml.etree.ElementTree as Xml
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
@@ -25,6 +29,7 @@ from solver.functions.muscle_curves import (
 from solver.model import (
     AnyPathPoint,
     ConditionalPathPoint,
+    Model,
     MovingPathPoint,
     Muscle,
     Path,
@@ -36,22 +41,20 @@ from solver.model import (
 )
 from solver.multibody.postures import rotation_body_fixed_xyz
 from solver.osim.document import Element
+from solver.osim.elements import add, add_function, add_values, add_whole_path
 from solver.osim.names import Names, OffsetFrame, read_function, read_named_function
 
-MUSCLES = (
-    "Millard2012EquilibriumMuscle",
-    "Thelen2003Muscle",
-    "DeGrooteFregly2016Muscle",
-    "Schutte1993Muscle_Deprecated",
-)
+MILLARD, THELEN = "Millard2012EquilibriumMuscle", "Thelen2003Muscle"
+DE_GROOTE_FREGLY, SCHUTTE = "DeGrooteFregly2016Muscle", "Schutte1993Muscle_Deprecated"
+MUSCLES = (MILLARD, THELEN, DE_GROOTE_FREGLY, SCHUTTE)
 Array = NDArray[np.float64]
 
 
 def read_muscle(element: Element, names: Names, surfaces: Sequence[WrapSurface]) -> Muscle:
     rise, fall = _time_constants(element)
-    has_flat_fibers = element.tag in ("DeGrooteFregly2016Muscle", "Schutte1993Muscle_Deprecated")
+    has_flat_fibers = element.tag in (DE_GROOTE_FREGLY, SCHUTTE)
     steepest = np.pi / 2 if has_flat_fibers else _steepest_pennation(element)
-    is_schutte = element.tag == "Schutte1993Muscle_Deprecated"
+    is_schutte = element.tag == SCHUTTE
     least, greatest = _control_limits(element)
     fastest = 1.0 / _time_scale(element) if is_schutte else element.positive("max_contraction_velocity", "10")
     return Muscle(
@@ -102,14 +105,21 @@ MILLARD_OPTIONS = {
         "curviness": "passive_curviness",
     },
 }
-THELEN_OPTIONS = {
-    "FmaxMuscleStrain": "passive_strain",
-    "KshapeActive": "active_shape",
-    "KshapePassive": "passive_shape",
-    "Af": "velocity_shape",
-    "Flen": "strongest",
-    "fv_linear_extrap_threshold": "linear_beyond",
+OPTIONS = {
+    THELEN: {
+        "FmaxMuscleStrain": "passive_strain",
+        "KshapeActive": "active_shape",
+        "KshapePassive": "passive_shape",
+        "Af": "velocity_shape",
+        "Flen": "strongest",
+        "fv_linear_extrap_threshold": "linear_beyond",
+    },
+    DE_GROOTE_FREGLY: {
+        "active_force_width_scale": "width",
+        "passive_fiber_strain_at_one_norm_force": "passive_strain",
+    },
 }
+"""Class of muscle → its property → field of its curves; Millard's muscle has an element for every curve."""
 
 
 def _control_limits(element: Element) -> tuple[float, float]:
@@ -117,7 +127,7 @@ def _control_limits(element: Element) -> tuple[float, float]:
 
     A paralysed muscle has a greatest control of 0, and then that default does not hold.
     """
-    has_least = element.tag in ("Millard2012EquilibriumMuscle", "Thelen2003Muscle")
+    has_least = element.tag in (MILLARD, THELEN)
     greatest = min(element.number("max_control", "1", may_be_infinite=True), LARGEST_CONTROL)
     default = min(0.01, greatest) if has_least else 0.0
     least = max(0.0, element.number("min_control", f"{default:g}", may_be_infinite=True))
@@ -134,11 +144,11 @@ def _time_constants(element: Element) -> tuple[float, float]:
     """
     if element.flag("ignore_activation_dynamics"):
         return 0.0, 0.0
-    if element.tag == "Schutte1993Muscle_Deprecated":
+    if element.tag == SCHUTTE:
         rise, fall = element.not_negative("activation1", "7.667"), element.not_negative("activation2", "1.459854")
         scale = _time_scale(element)
         return scale / (rise + fall) if rise + fall else np.inf, scale / fall if fall else np.inf
-    defaults = {"Millard2012EquilibriumMuscle": ("0.010", "0.040"), "DeGrooteFregly2016Muscle": ("0.015", "0.060")}
+    defaults = {MILLARD: ("0.010", "0.040"), DE_GROOTE_FREGLY: ("0.015", "0.060")}
     usual_rise, usual_fall = defaults.get(element.tag, ("0.015", "0.050"))
     rise = element.positive("activation_time_constant", usual_rise)
     return rise, element.positive("deactivation_time_constant", usual_fall)
@@ -147,7 +157,7 @@ def _time_constants(element: Element) -> tuple[float, float]:
 def _pennation(element: Element) -> float:
     """[rad] From 0 to below a right angle, as in OpenSim, which limits all muscles but Schutte's."""
     pennation = element.number("pennation_angle_at_optimal", "0")
-    if element.tag != "Schutte1993Muscle_Deprecated" and not 0.0 <= pennation < np.pi / 2:
+    if element.tag != SCHUTTE and not 0.0 <= pennation < np.pi / 2:
         sentence = f"should have <pennation_angle_at_optimal> from 0 to below π/2 and has {pennation:g} rad; correct it"
         raise element.refusal(sentence, SolverCode.WRONG_PENNATION)
     return pennation
@@ -199,7 +209,7 @@ def _as_integrated(curves: MillardCurves, element: Element) -> MillardCurves:
 def _thelen_curves(element: Element) -> Curves:
     given = {
         name: element.positive(option, above=1.0 if name == "strongest" else 0.0)
-        for option, name in THELEN_OPTIONS.items()
+        for option, name in OPTIONS[THELEN].items()
         if element.find(option)
     }
     return ThelenCurves(**given)
@@ -228,22 +238,14 @@ def _curves(element: Element) -> Curves:
 
 
 _CURVES: dict[str, Callable[[Element], Curves]] = {
-    "Millard2012EquilibriumMuscle": _millard_curves,
-    "Thelen2003Muscle": _thelen_curves,
-    "DeGrooteFregly2016Muscle": _de_groote_fregly_curves,
-    "Schutte1993Muscle_Deprecated": _schutte_curves,
+    MILLARD: _millard_curves,
+    THELEN: _thelen_curves,
+    DE_GROOTE_FREGLY: _de_groote_fregly_curves,
+    SCHUTTE: _schutte_curves,
 }
-_TAGS = {
-    "Millard2012EquilibriumMuscle": {
-        name: option for options in MILLARD_OPTIONS.values() for option, name in options.items()
-    },
-    "Thelen2003Muscle": {name: option for option, name in THELEN_OPTIONS.items()},
-    "DeGrooteFregly2016Muscle": {
-        "width": "active_force_width_scale",
-        "passive_strain": "passive_fiber_strain_at_one_norm_force",
-    },
-}
-"""Figure of the curves → its property."""
+_TAGS = {MILLARD: {name: option for options in MILLARD_OPTIONS.values() for option, name in options.items()}}
+_TAGS |= {tag: {name: option for option, name in options.items()} for tag, options in OPTIONS.items()}
+"""Class of muscle → field of its curves → its property."""
 
 
 def _has_rigid_tendon(element: Element) -> bool:
@@ -252,9 +254,9 @@ def _has_rigid_tendon(element: Element) -> bool:
 
 def _fiber_damping(element: Element) -> float:
     """As OpenSim uses it: below a threshold Millard's muscle has none."""
-    if element.tag == "DeGrooteFregly2016Muscle":
+    if element.tag == DE_GROOTE_FREGLY:
         return element.not_negative("fiber_damping", "0")
-    if element.tag != "Millard2012EquilibriumMuscle":
+    if element.tag != MILLARD:
         return 0.0
     damping = element.number("fiber_damping", "0.1")
     return damping if damping >= LEAST_FIBER_DAMPING else 0.0
@@ -262,11 +264,11 @@ def _fiber_damping(element: Element) -> float:
 
 def _tendon(element: Element) -> TendonCurve | None:
     """None where the file has the tendon rigid, and for Schutte's muscle, whose tendon is not read."""
-    if element.tag == "Schutte1993Muscle_Deprecated" or _has_rigid_tendon(element):
+    if element.tag == SCHUTTE or _has_rigid_tendon(element):
         return None
-    if element.tag == "Thelen2003Muscle":
+    if element.tag == THELEN:
         return ThelenTendon(element.positive("FmaxTendonStrain", "0.04"))
-    if element.tag == "DeGrooteFregly2016Muscle":
+    if element.tag == DE_GROOTE_FREGLY:
         return DeGrooteFreglyTendon(element.positive("tendon_strain_at_one_norm_force", "0.049"))
     return _millard_tendon(element.find("TendonForceLengthCurve"))
 
@@ -286,6 +288,99 @@ def _millard_tendon(curve: Element | None) -> MillardTendon:
         )
         raise curve.refusal(sentence)
     return MillardTendon(strain, stiffness, toe, curve.number("curviness", "0.5"))
+
+
+_CLASSES = {
+    MillardCurves: MILLARD,
+    ThelenCurves: THELEN,
+    DeGrooteFreglyCurves: DE_GROOTE_FREGLY,
+    SchutteCurves: SCHUTTE,
+}
+_ALWAYS_ELASTIC = (ThelenCurves, SchutteCurves)  # OpenSim has no rigid tendon for their muscles
+
+
+def add_muscle(objects: Xml.Element, model: Model, muscle: Muscle) -> None:
+    made = add(objects, _CLASSES[type(muscle.curves)], muscle.name)
+    add_whole_path(made, model, muscle.path, muscle.name)
+    add_values(
+        made,
+        max_isometric_force=muscle.max_isometric_force,
+        optimal_fiber_length=muscle.optimal_fiber_length,
+        tendon_slack_length=muscle.tendon_slack_length,
+        pennation_angle_at_optimal=muscle.pennation_at_optimal,
+        min_control=muscle.min_control,
+        max_control=muscle.max_control,
+        ignore_tendon_compliance=not isinstance(muscle.curves, _ALWAYS_ELASTIC),
+        ignore_activation_dynamics=not _has_activation_dynamics(muscle),
+    )
+    if isinstance(muscle.curves, SchutteCurves):
+        _add_schutte(made, muscle, muscle.curves)
+        return
+    add_values(made, max_contraction_velocity=muscle.max_contraction_velocity)
+    if _has_activation_dynamics(muscle):
+        add_values(
+            made,
+            activation_time_constant=muscle.activation_time_constant,
+            deactivation_time_constant=muscle.deactivation_time_constant,
+        )
+    if isinstance(muscle.curves, DeGrooteFreglyCurves):
+        _add_de_groote_fregly(made, muscle, muscle.curves)
+        return
+    add_values(made, maximum_pennation_angle=muscle.maximum_pennation)
+    if isinstance(muscle.curves, ThelenCurves):
+        add_values(made, **_options(muscle.curves))
+        if isinstance(muscle.tendon, ThelenTendon):
+            add_values(made, FmaxTendonStrain=muscle.tendon.strain)
+    else:
+        _add_millard(made, muscle)
+
+
+def _options(curves: Curves) -> dict[str, float]:
+    return {option: getattr(curves, field) for option, field in OPTIONS[_CLASSES[type(curves)]].items()}
+
+
+def _has_activation_dynamics(muscle: Muscle) -> bool:
+    return muscle.activation_time_constant > 0.0 or muscle.deactivation_time_constant > 0.0
+
+
+def _add_millard(made: Xml.Element, muscle: Muscle) -> None:
+    add_values(made, fiber_damping=muscle.fiber_damping)
+    for tag, options in MILLARD_OPTIONS.items():
+        curve = add(made, tag, f"{muscle.name}_{tag}")
+        add_values(curve, **{option: getattr(muscle.curves, field) for option, field in options.items()})
+    if isinstance(muscle.tendon, MillardTendon):
+        tendon = muscle.tendon
+        add_values(
+            add(made, "TendonForceLengthCurve", f"{muscle.name}_TendonForceLengthCurve"),
+            strain_at_one_norm_force=tendon.strain,
+            stiffness_at_one_norm_force=tendon.stiffness,
+            norm_force_at_toe_end=tendon.toe_force,
+            curviness=tendon.curviness,
+        )
+
+
+def _add_de_groote_fregly(made: Xml.Element, muscle: Muscle, curves: DeGrooteFreglyCurves) -> None:
+    add_values(
+        made,
+        **_options(curves),
+        ignore_passive_fiber_force=not curves.has_passive_force,
+        fiber_damping=muscle.fiber_damping,
+    )
+    if isinstance(muscle.tendon, DeGrooteFreglyTendon):
+        add_values(made, tendon_strain_at_one_norm_force=muscle.tendon.strain)
+
+
+def _add_schutte(made: Xml.Element, muscle: Muscle, curves: SchutteCurves) -> None:
+    """Its file has rates: activation2 at no excitation, and activation1 more at full excitation, over a time scale."""
+    scale = 1.0 / muscle.max_contraction_velocity
+    add_values(made, time_scale=scale)
+    if _has_activation_dynamics(muscle):
+        fall = scale / muscle.deactivation_time_constant
+        rise = scale / muscle.activation_time_constant - fall
+        add_values(made, activation1=rise, activation2=fall)
+    add_function(made, curves.active, muscle.name, "active_force_length_curve")
+    if curves.passive is not None:
+        add_function(made, curves.passive, muscle.name, "passive_force_length_curve")
 
 
 def geometry_path(element: Element) -> Element:
