@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from enum import StrEnum
+from enum import EnumType, StrEnum
 from types import MappingProxyType
 from typing import Any, Generic, Self, TypeVar
 
@@ -21,9 +21,26 @@ _SCALES = {"mm": 1e3, "ms": 1e3, "percent": 100.0, "per_minute": 60.0, "ppm": 1e
 """Unit in which a template shows an SI figure (`{shift_m:mm .2f}`) → factor."""
 
 
-class Code(StrEnum):
+_CODE = re.compile(r"[a-z0-9_.]+")
+
+
+class _CodeType(EnumType):
+    """Put the code of a member, prefix and name, before its clauses, unless it has a code of its own there."""
+
+    def __new__(
+        metacls, name: str, bases: tuple[type, ...], namespace: Any, *, prefix: str | None = None, **options: Any
+    ) -> Any:
+        for member, value in namespace.items() if prefix is not None else ():
+            clauses = (value,) if isinstance(value, str) else value
+            if member.isupper() and not (len(clauses) > 1 and _CODE.fullmatch(clauses[0])):
+                dict.__setitem__(namespace, member, (f"{prefix}{member.lower()}", *clauses))
+        return super().__new__(metacls, name, bases, namespace, **options)
+
+
+class Code(StrEnum, metaclass=_CodeType):
     """A stable code for programs, with the template of its sentence: NAME = "code", "{force_n:.1f} N, expected …".
 
+    In an enumeration with a prefix, class SyncCode(Code, prefix="sync."), the code of NAME = "template" is sync.name.
     A code keeps its meaning for ever. A new one may be added; one that is no longer used stays, so that old files open.
     The part before its dot is the kind of the event, the part after it is the reason. Of several clauses, those whose
     figures are given are shown.

@@ -107,49 +107,30 @@ def describe_codes(findings: Iterable[Message[Code]]) -> str:
     return f"; findings: {codes}" if codes else ""
 
 
-class CoverageCode(Code):
+class CoverageCode(Code, prefix=""):
     """Degrees of freedom that a marker set does not determine."""
 
-    THORAX_NOT_DETERMINED = (
-        "thorax_not_determined",
-        "fewer than three markers on the thorax: no segment has a reference; add IJ, PX, C7 or T8",
-    )
+    THORAX_NOT_DETERMINED = "fewer than three markers on the thorax: no segment has a reference; add IJ, PX, C7 or T8"
     NO_SCAPULA_MARKERS = (
-        "no_scapula_markers",
         "no marker on the scapula, or one: its orientation is not measured, it follows from the acromioclavicular "
-        "joint and the coordinate tasks; add an acromion cluster, calibrated with AA, TS and AI",
+        "joint and the coordinate tasks; add an acromion cluster, calibrated with AA, TS and AI"
     )
     FEW_SCAPULA_MARKERS = (
-        "few_scapula_markers",
-        "two markers on the scapula: coordinate tasks decide part of its posture; add an acromion cluster",
+        "two markers on the scapula: coordinate tasks decide part of its posture; add an acromion cluster"
     )
-    HUMERUS_NOT_DETERMINED = ("humerus_not_determined", "no marker on the upper arm: add a cluster or both epicondyles")
+    HUMERUS_NOT_DETERMINED = "no marker on the upper arm: add a cluster or both epicondyles"
     AXIAL_ROTATION_UNCERTAIN = (
-        "axial_rotation_uncertain",
-        "axial rotation of the arm depends on the epicondyles alone and is uncertain; add a cluster or a forearm "
-        "marker",
+        "axial rotation of the arm depends on the epicondyles alone and is uncertain; add a cluster or a forearm marker"
     )
-    NO_FOREARM_MARKERS = (
-        "no_forearm_markers",
-        "no marker on the forearm: elbow flexion and pronation are not measured",
-    )
+    NO_FOREARM_MARKERS = "no marker on the forearm: elbow flexion and pronation are not measured"
 
 
-class ScalingCode(Code):
+class ScalingCode(Code, prefix=""):
     """Stable codes of findings on a scaled model."""
 
-    POINT_INSIDE_SURFACE = (
-        "point_inside_surface",
-        "{muscle}: a path point lies inside {surface}, unlike in the generic model",
-    )
-    FIBRE_LENGTH = ("fibre_length", "{muscle}: its fibre is {figure:.2f} of the optimal length in the default posture")
-    PATH_LENGTH = (
-        "path_length",
-        "{muscle}: its path is {figure:.2f} times as long, relative to the median of all muscles",
-    )
-    FIBRE_LENGTH_IN_MOTION = (
-        "fibre_length_in_motion",
-        "{muscle}: its fibre reaches {figure:.2f} of the optimal length in the motion",
-    )
-    PASSIVE_FORCE = ("passive_force", "{muscle}: its passive force reaches {figure:.2f} of the maximum isometric force")
-    PATH_JUMP = "path_jump", "{muscle}: the length of its path jumps by {jump_mm:.0f} mm between two frames"
+    POINT_INSIDE_SURFACE = "{muscle}: a path point lies inside {surface}, unlike in the generic model"
+    FIBRE_LENGTH = "{muscle}: its fibre is {figure:.2f} of the optimal length in the default posture"
+    PATH_LENGTH = "{muscle}: its path is {figure:.2f} times as long, relative to the median of all muscles"
+    FIBRE_LENGTH_IN_MOTION = "{muscle}: its fibre reaches {figure:.2f} of the optimal length in the motion"
+    PASSIVE_FORCE = "{muscle}: its passive force reaches {figure:.2f} of the maximum isometric force"
+    PATH_JUMP = "{muscle}: the length of its path jumps by {jump_mm:.0f} mm between two frames"

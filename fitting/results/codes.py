@@ -96,7 +96,7 @@ class Verdict(Code):
         return tuple(named.split("_and_")) if is_unidentified else ()
 
 
-class CauseCode(Code):
+class CauseCode(Code, prefix="cause."):
     """A fault of the rig, or a property of the cuff beyond a spring and a damper."""
 
     TARE = (
@@ -107,23 +107,18 @@ class CauseCode(Code):
         f"; {_ZEROS}; tare with the bare hook",
     )
     ZERO_DRIFT = (
-        "cause.zero_drift",
         "{name}: ",
         "{unloaded_force_between_records}",
         "{start_from_static_zero}, or the force has another zero",
         f"; {_ZEROS}; let the cell and its amplifier warm up",
     )
     DISPLACEMENT_ZERO = (
-        "cause.displacement_zero",
         "{name}: ",
         "{unloaded_place_between_records}: it was moved, or x has another zero there",
         "{start_from_static_zero}, or the force has another zero",
         f"; {_ZEROS}; do not touch cuff and anchor markers between the trials",
     )
-    PULL_DIRECTION = (
-        "cause.pull_direction",
-        "{angle_of_pulls}: k and c are those of two directions; pull along one, with markers on the rope",
-    )
+    PULL_DIRECTION = "{angle_of_pulls}: k and c are those of two directions; pull along one, with markers on the rope"
     LOOSE_MARKER = (
         "cause.loose_anchor_marker",
         "{marker} moves by {rms_m:mm .1f} mm rms relative to the other anchor markers, which adds to the error of the "
@@ -149,22 +144,19 @@ class CauseCode(Code):
         "cause.pulley_friction",
         "friction of the pulley is {friction:percent .1f} ± {standard_error:percent .1f} % of the load; oil it",
     )
-    STIFFENING = "cause.stiffening", _EXPLAINS + _TANGENT
-    SOFTENING = "cause.softening", _EXPLAINS + _TANGENT
-    FRICTION = "cause.friction", _EXPLAINS + "c depends on amplitude and frequency of the swing; swing as the suit will"
+    STIFFENING = _EXPLAINS + _TANGENT
+    SOFTENING = _EXPLAINS + _TANGENT
+    FRICTION = _EXPLAINS + "c depends on amplitude and frequency of the swing; swing as the suit will"
     STANDARD_LINEAR_SOLID = (
-        "cause.standard_linear_solid",
         _EXPLAINS
-        + "k and c hold at the swing's frequency (complex_stiffness in cuffs.json); swing as fast as the suit will",
+        + "k and c hold at the swing's frequency (complex_stiffness in cuffs.json); swing as fast as the suit will"
     )
     CREEP = (
-        "cause.creep",
         _EXPLAINS
-        + "k holds after the duration of the holds; hold as long as the suit will, and wait before migration is read",
+        + "k holds after the duration of the holds; hold as long as the suit will, and wait before migration is read"
     )
     SLIP = (
-        "cause.slip",
-        _EXPLAINS + "k is from the loads without slip; fasten the cuff tighter, or load it once before the first trial",
+        _EXPLAINS + "k is from the loads without slip; fasten the cuff tighter, or load it once before the first trial"
     )
 
 
@@ -217,50 +209,42 @@ class FindingCode(Code):
     )
 
 
-class NoteCode(Code):
+class NoteCode(Code, prefix="note."):
     """A remark on the figures of a donning."""
 
     STOPPED_LOADING = (
-        "note.stopped_loading",
         "static, repeat {repeat:.0f}: stopped after {count:.0f} of {total:weight}; record it again, and hang "
-        "all of them one by one",
+        "all of them one by one"
     )
     HIDDEN_LOADS = (
-        "note.hidden_loads",
         "static, repeat {repeat:.0f}: force or markers are missing while loads are held; check the load cell and the "
-        "view of the cameras, and record it again",
+        "view of the cameras, and record it again"
     )
     STOPPED_UNLOADING = (
-        "note.stopped_unloading",
         "static, repeat {repeat:.0f}: stopped after {count:.0f} of {total:weight} were taken off; record it "
-        "again, and take all of them off one by one",
+        "again, and take all of them off one by one"
     )
     STOPPED_SWINGING = (
-        "note.stopped_swinging",
         "dynamic, repeat {repeat:.0f}: stopped after {found_s:.0f} of {planned_s:.0f} s of swinging; record it again, "
-        "and keep the weight swinging",
+        "and keep the weight swinging"
     )
     SWING_CUT = (
-        "note.swing_cut",
         "dynamic, repeat {repeat:.0f}: force or markers end after {found_s:.0f} of {planned_s:.0f} s of swinging, "
-        "before the capture ends; check the load cell and the mocap system, and record it again",
+        "before the capture ends; check the load cell and the mocap system, and record it again"
     )
     SLIPS_AGAIN = (
-        "note.slips_again",
         "the cuff slips even at loads that it carried before, by {distance_m:mm .2f} mm from the first trial to the "
-        "last; stiffness is from the unloading branches only",
+        "last; stiffness is from the unloading branches only"
     )
     FRICTION_OR_MOVED = (
-        "note.friction_or_moved",
         "loading and unloading branches differ, but the displacement at the same load is the same in every trial: "
         "there is friction, or the cuff was put back between the trials; stiffness is from the unloading branches "
-        "only, which friction makes too stiff; remove the weights one by one",
+        "only, which friction makes too stiff; remove the weights one by one"
     )
     SLIP_OR_FRICTION = (
-        "note.slip_or_friction",
         "all weights were removed at once, so slip and Coulomb friction cannot be distinguished: stiffness is "
         "{slipped_n_per_m:.0f} N/m if the cuff slipped, and down to {rubs_n_per_m:.0f} N/m with friction, and its "
-        "interval includes both; remove the weights one by one",
+        "interval includes both; remove the weights one by one"
     )
     FRICTION_OR_CREEP = (
         "note.friction",
@@ -273,9 +257,8 @@ class NoteCode(Code):
         "the load only rose; noise or creep explains all of its steps, so no slip is assumed",
     )
     STATIC_STIFFNESS_USED = (
-        "note.static_stiffness_used",
         "the lag is too uncertain to fit damping alone; the stiffness of the held loads was used, which assumes that "
-        "static and dynamic stiffness are equal",
+        "static and dynamic stiffness are equal"
     )
     STIFFNESS_RATIO = "note.dynamic_over_static_stiffness", "dynamic stiffness is {ratio:.2f} times static stiffness"
     DAMPING_INTERVAL = (
@@ -298,10 +281,9 @@ class NoteCode(Code):
         "fitted from simulated and other recordings together; simulated: {simulated}",
     )
     NOT_CALIBRATED = (
-        "note.not_calibrated",
         "lag ({lag_s:ms .2f} ± {lag_sd_s:ms .2f} ms) and gain (± {gain_sd:percent .2g} %) of the load cell are as "
         "declared, not calibrated, and the intervals rely on them; fit with a bounce trial of the session, or record "
-        "one with `station record --test bounce`",
+        "one with `station record --test bounce`"
     )
     CREEPS = (
         "note.creep",
@@ -317,9 +299,8 @@ class NoteCode(Code):
     STIFFENS = "note.stiffening", "the cuff stiffens" + _WITH_LOAD
     SOFTENS = "note.softening", "the cuff softens" + _WITH_LOAD
     SHORT_HOLDS = (
-        "note.short_holds",
         "holds of {hold_s:.1f} s are short: the cuff may not rest in them, and their noise is known less well, which "
-        "the interval of stiffness includes; hold each load for at least 4 s",
+        "the interval of stiffness includes; hold each load for at least 4 s"
     )
     ZERO_DRIFT = (
         "note.zero_drift_removed",
@@ -333,23 +314,17 @@ class NoteCode(Code):
         "put two markers on the rope",
     )
     PUBLISHED_DAMPING = (
-        "note.published_damping",
         "by the published method, damping is {damping_n_s_per_m:.0f} N s/m, {left:percent .0f} % of ours: the noise of "
         "velocities that are differences of frames makes the slope over them smaller, by prediction to "
-        "{predicted:percent .0f} %",
+        "{predicted:percent .0f} %"
     )
-    KNOWN_MASS = (
-        "note.known_mass",
-        "known mass {mass_kg:g} kg read {found_n:.2f} ± {standard_error_n:.2f} N, of {expected_n:.2f} N ({at})",
-    )
+    KNOWN_MASS = "known mass {mass_kg:g} kg read {found_n:.2f} ± {standard_error_n:.2f} N, of {expected_n:.2f} N ({at})"
     KNOWN_MASS_ZERO_DRIFT = (
-        "note.known_mass_zero_drift",
-        "the load cell's zero drifted by {drift_n:+.2f} N between the first and last reading; fits leave it free",
+        "the load cell's zero drifted by {drift_n:+.2f} N between the first and last reading; fits leave it free"
     )
     KNOWN_MASS_GAIN_DRIFT = (
-        "note.known_mass_gain_drift",
         "the load cell's gain drifted by {drift:percent +.2f} % between the first and last reading of {mass_kg:g} kg; "
-        "half of the drift is included in the uncertainty of the force",
+        "half of the drift is included in the uncertainty of the force"
     )
     NO_SHIFT = "note.assessed_without_migration", "migration is not identified: assessed as if the cuff did not migrate"
 

@@ -20,110 +20,80 @@ _HUNG = f"the converter or its stream hung; check the amplifier and its cable, a
 _CABLE = " {count:time} for less than 20 ms, at {at}; ignored, check the cable"
 
 
-class RejectionCode(Code):
+class RejectionCode(Code, prefix="rejected."):
     """Why a recording is not used: it is unusable, or another recording replaces it."""
 
-    RECORDED_AGAIN = "rejected.recorded_again", "recorded again as {file}"
-    NOT_ACCEPTED = "rejected.not_accepted", "the trial was not accepted when it was recorded: {outcome}"
-    SET_ASIDE = "rejected.set_aside", "set aside by the operator: {reason}"
+    RECORDED_AGAIN = "recorded again as {file}"
+    NOT_ACCEPTED = "the trial was not accepted when it was recorded: {outcome}"
+    SET_ASIDE = "set aside by the operator: {reason}"
     OTHER_TRIAL = (
-        "rejected.other_trial",
-        "a copy by its name, and by its content cut or of another trial; the original is used, delete the copy",
+        "a copy by its name, and by its content cut or of another trial; the original is used, delete the copy"
     )
-    DAMAGED = "rejected.damaged", *_ONLY_DAMAGE
-    UNREADABLE = "rejected.unreadable", "{problem}"
-    IS_BOUNCE = "rejected.is_bounce", "{file} is a bounce, which calibrates the load cell; give a trial of a cuff"
-    IS_WEARER_TRIAL = (
-        "rejected.is_wearer_trial",
-        "{file} is a {test} of the wearer and no pull on a cuff; it is for `station ik`",
-    )
-    NO_CUFF = "rejected.no_cuff", "{file} is a recording without a cuff; give the test a cuff"
-    NO_BOUNCE = "rejected.no_bounce", "{file} is a recording without a bounce; its manifest has no weight"
-    NO_BODY = "rejected.no_body", "{file} is not a pose or motion of the wearer; its manifest has no markers of a body"
+    DAMAGED = _ONLY_DAMAGE
+    UNREADABLE = "{problem}"
+    IS_BOUNCE = "{file} is a bounce, which calibrates the load cell; give a trial of a cuff"
+    IS_WEARER_TRIAL = "{file} is a {test} of the wearer and no pull on a cuff; it is for `station ik`"
+    NO_CUFF = "{file} is a recording without a cuff; give the test a cuff"
+    NO_BOUNCE = "{file} is a recording without a bounce; its manifest has no weight"
+    NO_BODY = "{file} is not a pose or motion of the wearer; its manifest has no markers of a body"
     EMG_NO_CLOCK = (
         "rejected.emg_without_clock",
         "EMG cannot be aligned with the markers: {reason}, and no clock offset was measured; record the sync line with "
         "the amplifier, or record the trial again",
     )
-    OTHER_MARKERS = (
-        "rejected.other_markers",
-        "its markers are not those of the donning's first trial; use one configuration in a donning",
-    )
-    NO_SAMPLES = (
-        "rejected.no_samples",
-        "the recording has no samples of {stream}; check the bench to see whether its device answers",
-    )
+    OTHER_MARKERS = "its markers are not those of the donning's first trial; use one configuration in a donning"
+    NO_SAMPLES = "the recording has no samples of {stream}; check the bench to see whether its device answers"
     NUMBERS_GO_BACK = (
-        "rejected.numbers_go_back",
         f"the sample numbers of {{stream}} go back or repeat at sample {{sample:.0f}}, expected increasing numbers; "
-        f"{_AGAIN}",
+        f"{_AGAIN}"
     )
     NO_OVERLAP = (
-        "rejected.no_overlap",
         "force ends {force_end_s:.2f} s and markers end {marker_end_s:.2f} s after the sync edge, with {samples:sample}"
-        f" and {{frames:frame}} in {{both_s:.2f}} s of both, expected at least {{expected_s:g}} s; {_AGAIN}",
+        f" and {{frames:frame}} in {{both_s:.2f}} s of both, expected at least {{expected_s:g}} s; {_AGAIN}"
     )
-    NO_FRAMES = "rejected.no_frames", "the recording has no marker frame after the sync edge; check that QTM captured"
+    NO_FRAMES = "the recording has no marker frame after the sync edge; check that QTM was capturing"
     MISSING_MARKERS = (
-        "rejected.missing_markers",
         "the recording has no marker {missing}, only {present}; correct the labels in QTM or in the cuff's section of "
-        "the configuration",
+        "the configuration"
     )
-    SYNC_NOT_FINITE = (
-        "rejected.sync_not_finite",
-        "the sync line has no finite samples; check the sync channel's wiring and record again",
-    )
+    SYNC_NOT_FINITE = "the sync line has no finite samples; check the sync channel's wiring and record again"
     SYNC_NEVER_RISES = (
-        "rejected.sync_never_rises",
         "the sync line never rises above {threshold_v:g} V (highest {highest_v:.2f} V); check the cable from QTM's "
-        "sync output and the configured threshold",
+        "sync output and the configured threshold"
     )
     SYNC_RISES_AGAIN = (
-        "rejected.sync_rises_again",
         "the sync line rises {count:time} (at {at}), expected once; set QTM's output to one pulse for the whole "
-        "capture and record again",
+        "capture and record again"
     )
     SYNC_INVERTED = (
-        "rejected.sync_inverted",
         "wrong polarity: the sync line starts at {level_v:.2f} V, expected below {threshold_v:g} V until the capture "
         "starts, and is low for {gap_s:.2f} s from {fell_s:.2f} s on; set QTM's output to active high, or swap the two "
-        "wires",
+        "wires"
     )
     SYNC_STARTS_HIGH = (
-        "rejected.sync_starts_high",
         "the sync line starts at {level_v:.2f} V, expected below {threshold_v:g} V until the capture starts; check "
-        "that QTM's output is active high and that the station is armed before the capture",
+        "that QTM's output is active high and that the station is armed before the capture"
     )
-    FORCE_NOT_FINITE = (
-        "rejected.force_not_finite",
-        f"force has {{count:.0f}} of {{total:.0f}} samples that are not finite numbers; {_AGAIN}",
-    )
+    FORCE_NOT_FINITE = f"force has {{count:.0f}} of {{total:.0f}} samples that are not finite numbers; {_AGAIN}"
     LABELS_EXCHANGED = (
-        "rejected.labels_exchanged",
         "the labels {anchor} of the anchor and {cuff} of the cuff are exchanged in the whole trial: the anchor bends "
         "by {rms_m:mm .1f} mm rms as labelled, and by {exchanged_m:mm .1f} mm with them exchanged; correct them in the "
-        "mocap system, and record or import again",
+        "mocap system, and record or import again"
     )
     LITTLE_IN_COMMON = (
-        "rejected.little_in_common",
         "force and cuff are both known in {share:percent .0f} % of the marker frames, expected at least "
-        "{limit:percent .0f} %; check the connection of the load cell and what hides the markers, and record again",
+        "{limit:percent .0f} %; check the connection of the load cell and what hides the markers, and record again"
     )
     FORCE_MISSING = (
-        "rejected.force_missing",
         "the force is missing in {share:percent .0f} % of the marker frames, expected at most {limit:percent .0f} %; "
-        "check the connection of the load cell and its rate, and record again",
+        "check the connection of the load cell and its rate, and record again"
     )
-    FORCE_SPIKES = "rejected.force_spikes", f"{_SPIKES}; {_PLUG}, and {_AGAIN}"
+    FORCE_SPIKES = f"{_SPIKES}; {_PLUG}, and {_AGAIN}"
     FORCE_SATURATED = (
-        "rejected.force_saturated",
         "force is saturated in {count:.0f} of {total:.0f} samples (at {limit:.4g} {unit}); check wiring, "
-        "input range, capacity of the cell and the amplifier's zero",
+        "input range, capacity of the cell and the amplifier's zero"
     )
-    FORCE_CONSTANT = (
-        "rejected.force_constant",
-        "force reads {value:g} in all {total:.0f} samples, expected noise and load; check the load cell",
-    )
+    FORCE_CONSTANT = "force reads {value:g} in all {total:.0f} samples, expected noise and load; check the load cell"
     FORCE_STUCK_MOVING = "rejected.force_stuck_while_moving", f"{_STUCK}while the cuff moves: {_HUNG}"
     FORCE_STUCK_QUIET = "rejected.force_stuck_without_noise", f"{_STUCK}with a noise of {{noise_n:.2g}} N: {_HUNG}"
     FORCE_NOISE = (
@@ -132,86 +102,65 @@ class RejectionCode(Code):
         f"is in the rope and connected, and {_AGAIN}",
     )
     FORCE_POLARITY = (
-        "rejected.force_polarity",
         "force falls from {before_n:.1f} N to {after_n:.1f} N when the load is added, expected a rise; "
-        "reverse the polarity of the cell in the configuration",
+        "reverse the polarity of the cell in the configuration"
     )
     FORCE_DRIFTS = (
-        "rejected.force_drifts",
         "the force drifts by {drift_n_per_s:+.2f} N/s for {duration_s:.0f} s while the cuff rests; let the load cell "
-        f"and its amplifier warm up, check their supply, and {_AGAIN}",
+        f"and its amplifier warm up, check their supply, and {_AGAIN}"
     )
     STEPS_APART = (
-        "rejected.steps_apart",
         "force and displacement are not on one clock: they change {offset_s:+.1f} s apart, positive if the "
-        "displacement is later; check the sync line, or import the files with this lag (`--lag-s`)",
+        "displacement is later; check the sync line, or import the files with this lag (`--lag-s`)"
     )
     ZERO_DRIFT = (
-        "rejected.zero_drift",
         _REST
         + " (load_cell.zero_drift_relative_limit); look for a load that was left on or a loose mount, let the load "
-        f"cell and its amplifier warm up, and {_AGAIN}",
+        f"cell and its amplifier warm up, and {_AGAIN}"
     )
     ANCHOR_HIDDEN = (
-        "rejected.anchor_hidden",
         "the anchor has {count:.0f} visible marker(s) of {markers}, expected at least {expected:.0f} that are not "
-        "collinear; put more markers on the anchoring body",
+        "collinear; put more markers on the anchoring body"
     )
     ANCHOR_COLLINEAR = (
-        "rejected.anchor_collinear",
         "the anchor markers {markers} are collinear (spread across the line {width_m:mm .1f} mm, expected at least "
-        "{expected_m:mm g} mm), so rotation about the line is not defined; move one aside",
+        "{expected_m:mm g} mm), so rotation about the line is not defined; move one aside"
     )
     CUFF_HIDDEN = (
         "rejected.cuff_hidden_at_start",
         "the cuff markers {markers} are hidden at the start; check the cameras' view",
     )
     MARKERS_HIDDEN = (
-        "rejected.markers_hidden",
         "anchor or cuff markers are hidden in {hidden:percent .0f} % of the frames, expected at most {limit:percent "
-        ".0f} %; check the cameras' view and record again",
+        ".0f} %; check the cameras' view and record again"
     )
     MARKERS_FROZEN = (
-        "rejected.markers_frozen",
         "the markers do not change at all for {duration_s:.1f} s from {start_s:.1f} s on while the force changes; "
-        "check that QTM was measuring, and record again",
+        "check that QTM was measuring, and record again"
     )
     DISPLACEMENT_UNIT = (
-        "rejected.displacement_unit",
         "the cuff moves by {rms_m:.3g} m rms, expected between {least_m:g} and {most_m:g} m; check that the markers "
-        "are in millimetres",
+        "are in millimetres"
     )
-    NO_MOTION = "rejected.no_motion", "the cuff does not move with the force; check that the rope was loaded"
-    FEW_LOADS = "rejected.few_loads", "fewer than three loads were held; hold each load for at least 4 s"
+    NO_MOTION = "the cuff does not move with the force; check that the rope was loaded"
+    FEW_LOADS = "fewer than three loads were held; hold each load for at least 4 s"
     NOT_UNLOADED = (
-        "rejected.not_unloaded",
-        "the static trial does not start unloaded, or does not end unloaded, so migration is not identified from it",
+        "the static trial does not start unloaded, or does not end unloaded, so migration is not identified from it"
     )
-    SHORT = "rejected.short", "the trial lasts {duration_s:.1f} s, too short for an oscillation"
-    NO_SWING = (
-        "rejected.no_swing",
-        "the force does not swing for more than a few seconds; pull longer, about once a second",
-    )
-    FEW_CYCLES = (
-        "rejected.few_cycles",
-        "the force swings for {cycles:.1f} cycles, expected at least {expected:g}; pull longer",
-    )
+    SHORT = "the trial lasts {duration_s:.1f} s, too short for an oscillation"
+    NO_SWING = "the force does not swing for more than a few seconds; pull longer, about once a second"
+    FEW_CYCLES = "the force swings for {cycles:.1f} cycles, expected at least {expected:g}; pull longer"
     FEW_SAMPLES = (
         "rejected.few_samples_per_cycle",
         f"force has {{samples:.1f}} {_FREQUENT}; pull slower or sample faster",
     )
-    SWING_HIDDEN = (
-        "rejected.swing_hidden",
-        "the markers are hidden or missing in most of the dynamic pull; check the cameras' view",
-    )
+    SWING_HIDDEN = "the markers are hidden or missing in most of the dynamic pull; check the cameras' view"
     FEW_FRAMES = (
-        "rejected.few_frames",
-        "the markers have {rate_hz:.4g} frames a second, expected at least {expected_hz:.4g}; raise QTM's frame rate",
+        "the markers have {rate_hz:.4g} frames a second, expected at least {expected_hz:.4g}; raise QTM's frame rate"
     )
     SMALL_MOTION = (
-        "rejected.small_motion",
         "the cuff moves by ± {amplitude_m:mm .2f} mm, expected at least {expected:g} times the marker noise of "
-        "{noise_m:mm .2f} mm; pull with more force",
+        "{noise_m:mm .2f} mm; pull with more force"
     )
     SLIPS_ON = (
         "rejected.slips_throughout",
@@ -224,8 +173,7 @@ class RejectionCode(Code):
         "cuff's markers are on the cuff and that force and markers are on one clock, and record again",
     )
     BOUNCE_FEW_CYCLES = (
-        "rejected.bounce_few_cycles",
-        "the weight bounces {cycles:.1f} times, expected at least {expected:g}; let it bounce for half a minute",
+        "the weight bounces {cycles:.1f} times, expected at least {expected:g}; let it bounce for half a minute"
     )
     BOUNCE_FEW_SAMPLES = (
         "rejected.bounce_few_samples_per_cycle",
@@ -242,19 +190,16 @@ class RejectionCode(Code):
         "noise of {noise_m:mm .2f} mm; check that it is on the weight",
     )
     BOUNCE_GAPS = (
-        "rejected.bounce_gaps",
         "the bounce has {count:interval} of {length_s:.1f} s without a gap in force or marker, expected at least "
-        "2; let it bounce longer in view of the cameras",
+        "2; let it bounce longer in view of the cameras"
     )
     BOUNCE_POLARITY = (
-        "rejected.bounce_polarity",
         "the load cell reads {force_n:.1f} N under {mass_kg:g} kg, expected a positive force; reverse the "
-        "polarity of the cell in the configuration",
+        "polarity of the cell in the configuration"
     )
     BOUNCE_NOT_CONVERGED = (
-        "rejected.bounce_not_converged",
         "the lag of the bounce is not identified: the fit did not converge; let the weight bounce freely in view of "
-        "the cameras, and record again",
+        "the cameras, and record again"
     )
 
 
@@ -456,17 +401,14 @@ class TrialNoteCode(Code):
     )
 
 
-class TensorCode(Code):
+class TensorCode(Code, prefix="tensor."):
     """Why there is no stiffness or damping in three dimensions."""
 
     NO_ROPE = (
         "tensor.no_rope_markers",
         "{quantity} in three dimensions needs two markers on the rope (rope_markers) and {test} trials",
     )
-    ROPE_HIDDEN = (
-        "tensor.rope_hidden",
-        "{quantity} in three dimensions needs the rope's markers, hidden in most of {file}",
-    )
+    ROPE_HIDDEN = "{quantity} in three dimensions needs the rope's markers, hidden in most of {file}"
     ROPE_HIDDEN_IN_HOLD = (
         "tensor.rope_hidden_in_a_hold",
         "stiffness in three dimensions needs the rope's markers in every hold; check the cameras' view",
@@ -483,16 +425,11 @@ class TensorCode(Code):
         "towards {missing}",
     )
     EQUAL_LOADS = (
-        "tensor.equal_loads",
-        "stiffness in three dimensions is not identified: the loads of some pull do not differ; hang on more weight",
+        "stiffness in three dimensions is not identified: the loads of some pull do not differ; hang on more weight"
     )
     NOT_POSITIVE = (
-        "tensor.not_positive",
         "{quantity} in three dimensions is not identified: its smallest eigenvalue is {eigenvalue:.0f} ± "
-        "{half_width:.0f}, expected above 0; pull farther apart or with more weight",
+        "{half_width:.0f}, expected above 0; pull farther apart or with more weight"
     )
-    NO_SWING = "tensor.no_swing", "damping in three dimensions is not identified: in {file} {reason}"
-    NOT_CONVERGED = (
-        "tensor.not_converged",
-        "{quantity} in three dimensions is not identified: the fit did not converge; pull with more force",
-    )
+    NO_SWING = "damping in three dimensions is not identified: in {file} {reason}"
+    NOT_CONVERGED = "{quantity} in three dimensions is not identified: the fit did not converge; pull with more force"

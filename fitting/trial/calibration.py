@@ -22,28 +22,22 @@ MAX_GAIN_ERROR = 0.05
 """A larger error of the gain indicates a wrong setting or weight, not a drifted cell; the gain is then not used."""
 
 
-class GainMistake(Code):
+class GainMistake(Code, prefix="gain_mistake."):
     """A common mistake in the scale of the load cell."""
 
-    CAPACITY_DOUBLED = "gain_mistake.capacity_doubled", "as if the configured capacity were twice the cell's"
-    CAPACITY_HALVED = "gain_mistake.capacity_halved", "as if the configured capacity were half the cell's"
-    CAPACITY_TENFOLD = "gain_mistake.capacity_tenfold", "as if the configured capacity were ten times the cell's"
-    CAPACITY_TENTH = "gain_mistake.capacity_tenth", "as if the configured capacity were a tenth of the cell's"
+    CAPACITY_DOUBLED = "as if the configured capacity were twice the cell's"
+    CAPACITY_HALVED = "as if the configured capacity were half the cell's"
+    CAPACITY_TENFOLD = "as if the configured capacity were ten times the cell's"
+    CAPACITY_TENTH = "as if the configured capacity were a tenth of the cell's"
     CAPACITY_25_LB = "gain_mistake.cell_of_25_lb", "as if the cell were one of 25 lb and not of 10 kg, or the reverse"
-    POUNDS_FOR_KILOGRAMS = "gain_mistake.pounds_for_kilograms", "as if pounds were taken for kilograms"
-    KILOGRAMS_FOR_POUNDS = "gain_mistake.kilograms_for_pounds", "as if kilograms were taken for pounds"
-    NEWTONS_FOR_POUNDS = "gain_mistake.newtons_for_pounds", "as if newtons were taken for pounds"
-    POUNDS_FOR_NEWTONS = "gain_mistake.pounds_for_newtons", "as if pounds were taken for newtons"
-    NEWTONS_FOR_KILOGRAMS = "gain_mistake.newtons_for_kilograms", "as if newtons were taken for kilograms"
-    KILOGRAMS_FOR_NEWTONS = "gain_mistake.kilograms_for_newtons", "as if kilograms were taken for newtons"
-    MILLINEWTONS_FOR_NEWTONS = (
-        "gain_mistake.millinewtons_for_newtons",
-        "as if millinewtons were taken for newtons, or grams for kilograms",
-    )
-    UNKNOWN = (
-        "gain_mistake.unknown",
-        "which no common mistake explains; check capacity and full scale of the cell, and the weights",
-    )
+    POUNDS_FOR_KILOGRAMS = "as if pounds were taken for kilograms"
+    KILOGRAMS_FOR_POUNDS = "as if kilograms were taken for pounds"
+    NEWTONS_FOR_POUNDS = "as if newtons were taken for pounds"
+    POUNDS_FOR_NEWTONS = "as if pounds were taken for newtons"
+    NEWTONS_FOR_KILOGRAMS = "as if newtons were taken for kilograms"
+    KILOGRAMS_FOR_NEWTONS = "as if kilograms were taken for newtons"
+    MILLINEWTONS_FOR_NEWTONS = "as if millinewtons were taken for newtons, or grams for kilograms"
+    UNKNOWN = "which no common mistake explains; check capacity and full scale of the cell, and the weights"
 
 
 @dataclass(frozen=True)

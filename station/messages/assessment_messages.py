@@ -263,42 +263,34 @@ class AssessmentCode(Code):
     )
 
 
-class DecisionCode(Code):
+class DecisionCode(Code, prefix="decision."):
     """Choice of the cuff, as solver.suit.decision.DecisionOutcome; FIT_ONLY: the total uncertainty is not known.
     NO_PEOPLE: nor can it be, because people are not drawn with elastic tendons.
     """
 
     CHOOSE = (
-        "decision.choose",
         "{at}, choose {leading}: it saves at least {relevant_points:g} points of effort more than {worse} "
-        "(probability {percent} %).",
+        "(probability {percent} %)."
     )
-    EQUIVALENT = "decision.equivalent", _EQUIVALENT + "; choose by comfort or migration."
+    EQUIVALENT = _EQUIVALENT + "; choose by comfort or migration."
     EQUIVALENT_AND_WORSE = (
-        "decision.equivalent_and_worse",
         _EQUIVALENT + ", and each saves at least {relevant_points:g} points more than {worse}; choose by comfort "
-        "or migration.",
+        "or migration."
     )
     UNDECIDED = (
-        "decision.undecided",
         "{at}, undecided: {leading} has the least mean effort. It saves at least {relevant_points:g} points more than "
         "{rival} with a probability of {first_percent} %, is equivalent to it with {equivalent_percent} %, and saves "
-        "at least {relevant_points:g} points less with {second_percent} %.",
+        "at least {relevant_points:g} points less with {second_percent} %."
     )
-    ONLY_CUFF = "decision.only_cuff", "{at}, {leading} is the only cuff; there is no other to compare it with."
-    UNKNOWN = (
-        "decision.unknown",
-        "{at}, no decision: only {people:.0f} of {drawn:.0f} drawn people have a solution for every cuff.",
-    )
+    ONLY_CUFF = "{at}, {leading} is the only cuff; there is no other to compare it with."
+    UNKNOWN = "{at}, no decision: only {people:.0f} of {drawn:.0f} drawn people have a solution for every cuff."
     FIT_ONLY = (
-        "decision.fit_only",
         "No decision: the intervals do not contain the variation of donnings, bodies, muscles and motions. Assess "
-        "again without `--people 0` and `--sources cuffs`.",
+        "again without `--people 0` and `--sources cuffs`."
     )
     NO_PEOPLE = (
-        "decision.no_people",
         "No decision: people are not drawn with elastic tendons. Assess again without `--tendons elastic`, and compare "
-        "how much effort the cuffs save with both.",
+        "how much effort the cuffs save with both."
     )
     SETTLE_FIT = "settle.fit", _SETTLE + "repeat the trials of the cuffs."
     SETTLE_DONNING = "settle.donning", _SETTLE + "measure more donnings of each cuff."
@@ -312,54 +304,33 @@ class DecisionCode(Code):
     )
 
 
-class InputCode(Code):
+class InputCode(Code, prefix="input."):
     """Reason why files do not make an assessment, a suit or a sweep."""
 
-    UNKNOWN_CUFF = (
-        "input.unknown_cuff",
-        "the cuffs file has no cuff {missing}, only {known}; fit the session again or choose another cuff",
-    )
-    CUFF_NAMED_RIGID = "input.cuff_named_rigid", "a cuff is named {name}, which is reserved for rigid cuffs; rename it"
+    UNKNOWN_CUFF = "the cuffs file has no cuff {missing}, only {known}; fit the session again or choose another cuff"
+    CUFF_NAMED_RIGID = "a cuff is named {name}, which is reserved for rigid cuffs; rename it"
     RICHER_LAW = (
-        "input.richer_law",
         "the cuff {cuff} has the law {law}; a suit wears cuffs of the law {known} only (F = k x + c ẋ). If that is "
-        "sufficient, write {cuff} with its k, c and migration alone into a cuffs file",
+        "sufficient, write {cuff} with its k, c and migration alone into a cuffs file"
     )
-    OUTPUT_IS_FILE = "input.output_is_file", "{path} is a file, expected a folder to write into; give another folder"
-    ONE_ARM_CUFF = (
-        "input.one_arm_cuff",
-        "expected one arm cuff, found {found}; choose one by --cuff (arm cuffs of the file: {known})",
-    )
-    NO_CUFFS_FILE = "input.no_cuffs_file", "the cuff {cuff} needs a cuffs.json that holds it; give it by --cuffs"
-    CONDITION_WITHOUT_CUFFS = (
-        "input.condition_without_cuffs",
-        "the condition {condition} needs cuffs; give a cuffs.json by --cuffs",
-    )
-    TABLE_FORMAT = "input.table_format", "the output is {name}, expected a name that ends in {suffixes}"
-    BUDGET = "input.budget", "{path} is not a budget of uncertainty ({reason}); correct it"
-    EFFORT = (
-        "input.effort",
-        "{path} cannot be used as weights of the effort: {reason}; docs/redundancy.md has an example",
-    )
-    PEOPLE_FAILED = (
-        "input.people_failed",
-        "drawn people could not be assessed on the cluster: {reason}; start it again to continue",
-    )
+    OUTPUT_IS_FILE = "{path} is a file, expected a folder to write into; give another folder"
+    ONE_ARM_CUFF = "expected one arm cuff, found {found}; choose one by --cuff (arm cuffs of the file: {known})"
+    NO_CUFFS_FILE = "the cuff {cuff} needs a cuffs.json that holds it; give it by --cuffs"
+    CONDITION_WITHOUT_CUFFS = "the condition {condition} needs cuffs; give a cuffs.json by --cuffs"
+    TABLE_FORMAT = "the output is {name}, expected a name that ends in {suffixes}"
+    BUDGET = "{path} is not a budget of uncertainty ({reason}); correct it"
+    EFFORT = "{path} cannot be used as weights of the effort: {reason}; docs/redundancy.md has an example"
+    PEOPLE_FAILED = "drawn people could not be assessed on the cluster: {reason}; start it again to continue"
     NO_PEOPLE = (
-        "input.no_people",
         "--indices, --scheduler, --workers and --donnings are for drawn people, and none are drawn; leave out "
-        "--people 0",
+        "--people 0"
     )
-    NO_GLENOID_TO_KEEP = (
-        "input.no_glenoid_to_keep",
-        "the model {model} has no glenoid; leave out {options}",
-    )
+    NO_GLENOID_TO_KEEP = "the model {model} has no glenoid; leave out {options}"
     NO_ARM_OF_SUBJECT = (
-        "input.no_arm_of_subject",
         "--subject estimates a person with an arm, and the model {model} has none of the bodies {bodies}; for another "
-        "limb give a scaled model and its motion by --model and --motion",
+        "limb give a scaled model and its motion by --model and --motion"
     )
-    DONNING_SPREAD = "input.donning_spread", "Spread between donnings: {stiffness}, {damping}, {migration}."
+    DONNING_SPREAD = "Spread between donnings: {stiffness}, {damping}, {migration}."
     EMG_UNREADABLE = "emg.unreadable", "{path} cannot be read as a CSV table of EMG ({reason}); check the path"
     EMG_COLUMNS = "emg.columns", "{path} has the columns {found}, expected {expected}"
     EMG_MUSCLE = (
@@ -370,25 +341,19 @@ class InputCode(Code):
     EMG_NUMBER = "emg.number", "{path}, line {line}, has {reduction} and {sd}, expected two numbers in percent"
 
 
-class AssessmentFileCode(Code):
+class AssessmentFileCode(Code, prefix="assessment_file."):
     """Fault of the file."""
 
-    UNREADABLE = "assessment_file.unreadable", "{path} cannot be read: {reason}"
-    NOT_JSON = "assessment_file.not_json", "{path} {reason}" + _REMEDY
-    NOT_AN_OBJECT = "assessment_file.not_an_object", "{path}: the document is {found}, expected an object" + _REMEDY
-    INVALID_ENTRY = "assessment_file.invalid_entry", "{path}: {reason}" + _REMEDY
-    OTHER_CUFFS = "assessment_file.other_cuffs", _FOUND + "the cuffs {cuffs}" + _REMEDY
-    OTHER_CONDITIONS = "assessment_file.other_conditions", _FOUND + "{conditions}" + _REMEDY
-    COST_MISSING = "assessment_file.cost_missing", _FOUND + "a cost for every rest length" + _REMEDY
-    INTERVAL_MISSING = (
-        "assessment_file.interval_missing",
-        _FOUND + "an interval or null for every rest length" + _REMEDY,
-    )
-    WRONG_POSTURES = (
-        "assessment_file.wrong_postures",
-        "{path}: postures is a list of {count:.0f}, expected three" + _REMEDY,
-    )
-    MUSCLE_MISSING = "assessment_file.muscle_missing", _FOUND + "{muscle} among them" + _REMEDY
+    UNREADABLE = "{path} cannot be read: {reason}"
+    NOT_JSON = "{path} {reason}" + _REMEDY
+    NOT_AN_OBJECT = "{path}: the document is {found}, expected an object" + _REMEDY
+    INVALID_ENTRY = "{path}: {reason}" + _REMEDY
+    OTHER_CUFFS = _FOUND + "the cuffs {cuffs}" + _REMEDY
+    OTHER_CONDITIONS = _FOUND + "{conditions}" + _REMEDY
+    COST_MISSING = _FOUND + "a cost for every rest length" + _REMEDY
+    INTERVAL_MISSING = _FOUND + "an interval or null for every rest length" + _REMEDY
+    WRONG_POSTURES = "{path}: postures is a list of {count:.0f}, expected three" + _REMEDY
+    MUSCLE_MISSING = _FOUND + "{muscle} among them" + _REMEDY
 
     ACTIVATIONS_UNREADABLE = "activations_file.unreadable", "{path} cannot be read as a table: {reason}" + _REMEDY
     ACTIVATIONS_COLUMNS = (

@@ -15,28 +15,25 @@ _DISK = "{free_gb:.1f} GB free for {folder}, the plan needs {needed_gb:.2f} GB"
 _MASS = "{found_n:.2f} ± {sd_n:.2f} N, expected {expected_n:.2f} ± {tolerance_n:.2f} N"
 
 
-class TrialCode(Code):
+class TrialCode(Code, prefix=""):
     """State of a trial, the reason of its end, and what a reader of its recording should know."""
 
-    OPENING = "opening", "opening the devices"
-    ARMED = "armed", "armed, waiting for the sync edge"
-    CAPTURE_RUNNING = (
-        "capture_running",
-        "armed, but the sync line is high: stop the running capture, or check the polarity of the line",
-    )
-    RECORDING = "recording", "recording"
+    OPENING = "opening the devices"
+    ARMED = "armed, waiting for the sync edge"
+    CAPTURE_RUNNING = "armed, but the sync line is high: stop the running capture, or check the polarity of the line"
+    RECORDING = "recording"
 
-    CAPTURE_ENDED = "capture_ended", "the mocap capture ended"
+    CAPTURE_ENDED = "the mocap capture ended"
     CAPTURE_ENDED_RENUMBERED = "capture_ended.frames_renumbered", "the mocap capture ended: its frame numbers restarted"
     CAPTURE_ENDED_NO_FRAMES = (
         "capture_ended.no_frames",
         "the mocap capture ended: the sync line is low and no more frames arrive",
     )
-    CAPTURE_REPLACED = "capture_replaced", "{reason}"
-    DURATION_REACHED = "duration_reached", "{duration_s:g} s recorded after the sync edge"
-    OPERATOR_STOP = "operator_stop", "stopped by the operator"
-    CANCELLED = "cancelled", "cancelled by the operator before the sync edge; nothing was recorded"
-    DEVICE_LOST = "device_lost", "{reason} [{reason_code}]"
+    CAPTURE_REPLACED = "{reason}"
+    DURATION_REACHED = "{duration_s:g} s recorded after the sync edge"
+    OPERATOR_STOP = "stopped by the operator"
+    CANCELLED = "cancelled by the operator before the sync edge; nothing was recorded"
+    DEVICE_LOST = "{reason} [{reason_code}]"
     DEVICE_SILENT = (
         "device_lost.silent",
         "{source} sent nothing on {stream} for {silence_s:.1f} s, expected {rate_hz:g} samples per second; check the "
@@ -57,27 +54,24 @@ class TrialCode(Code):
         _NO_EDGE + ": the DAQ sent no sample of the sync line; check the device",
     )
     NO_SYNC_EDGE_FELL = "no_sync_edge.fell", _NO_EDGE + "; " + _FELL
-    WRONG_POLARITY = "wrong_polarity", _FELL
+    WRONG_POLARITY = _FELL
     DISK_NEARLY_FULL = (
-        "disk_nearly_full",
         "the disk of {folder} has {free_mb:.0f} MB left, expected at least {reserve_mb:.0f} MB: the trial was closed, "
-        "and the samples so far are kept; free some space and record it again",
+        "and the samples so far are kept; free some space and record it again"
     )
-    WRITE_FAILED = "write_failed", "{reason}"
+    WRITE_FAILED = "{reason}"
     RECORDING_MOVED = (
-        "recording_moved",
         "{path} is no longer the file that was being recorded: it or its folder was renamed, removed or replaced by a "
-        "copy during the trial, and the samples are under the new name; restore the old name, and record it again",
+        "copy during the trial, and the samples are under the new name; restore the old name, and record it again"
     )
-    NOT_STARTED = "not_started", "{reason}"
-    RECORDER_KILLED = "recorder_killed", "the recorder was killed during the trial; {kept_s:.0f} s of it are kept"
-    UNREADABLE = "unreadable", "{reason}"
+    NOT_STARTED = "{reason}"
+    RECORDER_KILLED = "the recorder was killed during the trial; {kept_s:.0f} s of it are kept"
+    UNREADABLE = "{reason}"
 
-    NOT_ALIGNED = "not_aligned", "force and markers have no common time: {reason}; record the trial again"
+    NOT_ALIGNED = "force and markers have no common time: {reason}; record the trial again"
     FRAMES_RENUMBERED = (
-        "frames_renumbered",
         "the mocap system restarted its frame numbers {after_s:.2f} s after the start of the capture, so frames cannot "
-        "be counted; check that it streams one capture with numbered frames, and record again",
+        "be counted; check that it streams one capture with numbered frames, and record again"
     )
     STAMPS_JUMPED = (
         "time_stamps_jumped",
@@ -90,28 +84,21 @@ class TrialCode(Code):
         "set the output of the mocap system to one pulse for the whole capture and record again",
     )
     EMPTY_CAPTURE = (
-        "empty_capture",
-        "{source} sent no frame of the capture; check that it tracks the markers and streams 3D data in real time",
+        "{source} sent no frame of the capture; check that it tracks the markers and streams 3D data in real time"
     )
-    END_MISSING = "end_missing", "{source} sent nothing on {stream} in the last {missing_s:.1f} s of the trial"
+    END_MISSING = "{source} sent nothing on {stream} in the last {missing_s:.1f} s of the trial"
     LITTLE_IN_COMMON = (
-        "little_in_common",
         "force and markers were both received in {common_s:.1f} s of {duration_s:.1f} s, expected at least "
-        "{limit_percent:g} %; check the connections of both devices, and record again",
+        "{limit_percent:g} %; check the connections of both devices, and record again"
     )
     MOSTLY_LOST = (
-        "mostly_lost",
         "{source} lost {lost_percent:.1f} % of the samples on {stream}, expected at most {limit_percent:g} %; check "
-        "its connection and its rate, and record again",
+        "its connection and its rate, and record again"
     )
-    NO_STOP_EDGE = (
-        "no_stop_edge",
-        "the sync line is still high where the recording ends, so only the start edge relates the clocks",
-    )
+    NO_STOP_EDGE = "the sync line is still high where the recording ends, so only the start edge relates the clocks"
     CLOCK_SET_BACK = (
-        "clock_set_back",
         "the clock of this computer shows {now_utc}, and the last file of the session was written at {last_utc}: the "
-        "clock was set back. This trial is dated after the others to keep their order; check date and time",
+        "clock was set back. This trial is dated after the others to keep their order; check date and time"
     )
     OVERWRITTEN = (
         "overloaded.samples_overwritten",
@@ -119,8 +106,7 @@ class TrialCode(Code):
     )
     LATE = "overloaded.samples_late", _TOO_SLOW + "samples waited {late_s:.1f} s before they were recorded" + _FASTER
     STATION_PAUSED = (
-        "station_paused",
-        "the station itself was suspended for {stall_s:.1f} s; make sure that its computer does not sleep or swap",
+        "the station itself was suspended for {stall_s:.1f} s; make sure that its computer does not sleep or swap"
     )
     GLITCH_UP = (
         "sync_glitch.up",
@@ -132,7 +118,7 @@ class TrialCode(Code):
     )
 
 
-class RefusalCode(Code):
+class RefusalCode(Code, prefix="refused."):
     """Reason why a trial is not started."""
 
     CANCELLED_OPENING = (
@@ -140,43 +126,29 @@ class RefusalCode(Code):
         "cancelled by the operator while the devices were opening; nothing was recorded",
     )
     SIMULATED_DEVICES = (
-        "refused.simulated_devices",
         "simulated devices ({devices}) cannot be recorded into {folder}, which is not below a folder called "
-        "{simulated_folder}; record into {place}, or practise with --simulated",
+        "{simulated_folder}; record into {place}, or practise with --simulated"
     )
     MIXED_ORIGIN = (
-        "refused.mixed_origin",
         "{folder} contains {present} data ({file}), and this trial would be {origin}; record into another "
-        "session folder",
+        "session folder"
     )
-    FOLDER_NOT_MADE = (
-        "refused.folder_not_made",
-        "the session folder {folder} cannot be created ({reason}); use another session folder",
-    )
-    FOLDER_READ_ONLY = (
-        "refused.folder_read_only",
-        "the session folder {folder} is not writable; use another session folder",
-    )
+    FOLDER_NOT_MADE = "the session folder {folder} cannot be created ({reason}); use another session folder"
+    FOLDER_READ_ONLY = "the session folder {folder} is not writable; use another session folder"
     DISK_FULL = (
-        "refused.disk_full",
         "the disk of {folder} has {free_mb:.0f} MB free, expected at least {needed_mb:.0f} MB for the planned trials; "
-        "free some space",
+        "free some space"
     )
-    FOLDER_IN_USE = "refused.folder_in_use", "another trial is being recorded into {folder}; wait for its end"
-    NO_LOCKS = "refused.no_locks", "files in {folder} cannot be locked ({reason}); record onto a local disk"
+    FOLDER_IN_USE = "another trial is being recorded into {folder}; wait for its end"
+    NO_LOCKS = "files in {folder} cannot be locked ({reason}); record onto a local disk"
     PATH_TOO_LONG = (
-        "refused.path_too_long",
         "{path} is {excess:character} too long for Windows, which allows {longest}; use a session folder with a "
-        "shorter path",
+        "shorter path"
     )
-    RECORDER_ENDED = (
-        "refused.recorder_ended",
-        "the recorder ended with code {exit_code} during the trial; what it had written is kept",
-    )
+    RECORDER_ENDED = "the recorder ended with code {exit_code} during the trial; what it had written is kept"
     UNREADABLE_MESSAGE = (
-        "refused.unreadable_message",
         "a message of the recorder cannot be read ({reason}); the recording is not affected. Restart the console after "
-        "this trial",
+        "this trial"
     )
 
 
@@ -234,52 +206,43 @@ class CheckCode(Code):
     MASS_UNREAD = "mass.unread", "not read; hang one on the cell, enter it and read it"
 
 
-class CueCode(Code):
+class CueCode(Code, prefix="cue."):
     """Instruction of the guide during a trial."""
 
-    EMPTY_HOOK = "cue.empty_hook", "leave the hook empty and stand still"
-    ADD_WEIGHT = "cue.add_weight", "hang weight {weight} of {weights}: {mass_kg:g} kg ({target_n:.0f} N in all)"
-    REMOVE_WEIGHT = "cue.remove_weight", "take weight {weight} off: {mass_kg:g} kg ({target_n:.0f} N left)"
-    WRONG_FORCE = (
-        "cue.wrong_force",
-        "{force_n:.1f} N, expected {target_n:.1f} N: check the weight, and that the rope runs freely",
-    )
-    STATIC_DONE = "cue.static_done", "all weights are off and held: end the capture"
-    FIRST_LEVEL = "cue.first_level", "add a weight or take one off, and hold it for {hold_s:g} s"
-    HOLD = "cue.hold", "hold it at {force_n:.0f} N"
-    NEXT_LEVEL = (
-        "cue.next_level",
-        "levels held: {levels:.0f}; add a weight or take one off, and hold it for {hold_s:g} s",
-    )
-    STAND_STILL = "cue.stand_still", "stand still"
-    HANG_STILL = "cue.hang_still", "let the weight hang still"
-    PULL_SPRING = "cue.pull_spring", "pull the spring, about once a second"
-    BOUNCE = "cue.bounce", "bounce the weight, about once a second"
-    KEEP_SWINGING = "cue.keep_swinging", "keep it swinging: {frequency_hz:.2f} Hz, ±{amplitude_n:.0f} N"
-    LET_REST = "cue.let_rest", "let it come to rest"
-    SWING_DONE = "cue.swing_done", "it rests: end the capture"
-    HOLD_POSE = "cue.hold_pose", "stand upright with the arm hanging, and keep still"
-    POSE_DONE = "cue.pose_done", "pose held; end the capture"
-    RAISE_ARM = "cue.raise_arm", "raise the arm: cycle {cycle:.0f} of {cycles:.0f}"
-    LOWER_ARM = "cue.lower_arm", "lower the arm: cycle {cycle:.0f} of {cycles:.0f}"
-    MOTION_DONE = "cue.motion_done", "{cycles:cycle} counted: let the arm hang, then end the capture"
+    EMPTY_HOOK = "leave the hook empty and stand still"
+    ADD_WEIGHT = "hang weight {weight} of {weights}: {mass_kg:g} kg ({target_n:.0f} N in all)"
+    REMOVE_WEIGHT = "take weight {weight} off: {mass_kg:g} kg ({target_n:.0f} N left)"
+    WRONG_FORCE = "{force_n:.1f} N, expected {target_n:.1f} N: check the weight, and that the rope runs freely"
+    STATIC_DONE = "all weights are off and held: end the capture"
+    FIRST_LEVEL = "add a weight or take one off, and hold it for {hold_s:g} s"
+    HOLD = "hold it at {force_n:.0f} N"
+    NEXT_LEVEL = "levels held: {levels:.0f}; add a weight or take one off, and hold it for {hold_s:g} s"
+    STAND_STILL = "stand still"
+    HANG_STILL = "let the weight hang still"
+    PULL_SPRING = "pull the spring, about once a second"
+    BOUNCE = "bounce the weight, about once a second"
+    KEEP_SWINGING = "keep it swinging: {frequency_hz:.2f} Hz, ±{amplitude_n:.0f} N"
+    LET_REST = "let it come to rest"
+    SWING_DONE = "it rests: end the capture"
+    HOLD_POSE = "stand upright with the arm hanging, and keep still"
+    POSE_DONE = "pose held; end the capture"
+    RAISE_ARM = "raise the arm: cycle {cycle:.0f} of {cycles:.0f}"
+    LOWER_ARM = "lower the arm: cycle {cycle:.0f} of {cycles:.0f}"
+    MOTION_DONE = "{cycles:cycle} counted: let the arm hang, then end the capture"
     MOVE_UNCOUNTED = (
-        "cue.move_uncounted",
         "raise and lower the arm {cycles:time}, then end the capture; cycles are counted only with arm and trunk "
-        "under [body]",
+        "under [body]"
     )
-    CONTRACT = "cue.contract", "contract as strongly as possible for 3 to 5 s, with rests between; then end the capture"
+    CONTRACT = "contract as strongly as possible for 3 to 5 s, with rests between; then end the capture"
 
 
-class AlarmCode(Code):
+class AlarmCode(Code, prefix="alarm."):
     """A force limit was exceeded."""
 
     OVERLOAD = (
-        "alarm.overload",
-        "STOP: overload, {force_n:.0f} N on a load cell of {capacity_n:.0f} N; unload the rope and check the cell",
+        "STOP: overload, {force_n:.0f} N on a load cell of {capacity_n:.0f} N; unload the rope and check the cell"
     )
-    FORCE = "alarm.force", "STOP: {force_n:.0f} N at the cuff, at most {limit_n:.0f} N are allowed; unload the rope"
+    FORCE = "STOP: {force_n:.0f} N at the cuff, at most {limit_n:.0f} N are allowed; unload the rope"
     FORCE_RATE = (
-        "alarm.force_rate",
-        "STOP: the force rose by more than {limit_n_per_s:.0f} N per second; unload the rope and check cuff and skin",
+        "STOP: the force rose by more than {limit_n_per_s:.0f} N per second; unload the rope and check cuff and skin"
     )

@@ -10,91 +10,65 @@ _SPANS = (
 )
 
 
-class ImportCode(Code):
+class ImportCode(Code, prefix="import."):
     """Reason why files are not imported or do not complete a recording, and notes on what was written."""
 
-    INCOMPLETE_COMMAND = (
-        "import.incomplete_command",
-        "the import lacks {missing}; give it, or --over to complete a recording from --mocap alone",
-    )
-    UNUSED_OPTION = "import.unused_option", "an import with {option} takes no {unused}; leave out the one or the other"
-    WRONG_LABEL_PAIR = "import.wrong_label_pair", "--label {pair} does not name two labels, expected THEIRS=OURS"
-    UNKNOWN_LABEL = "import.unknown_label", "{path} has no marker {missing} to rename, only {known}"
+    INCOMPLETE_COMMAND = "the import lacks {missing}; give it, or --over to complete a recording from --mocap alone"
+    UNUSED_OPTION = "an import with {option} takes no {unused}; leave out the one or the other"
+    WRONG_LABEL_PAIR = "--label {pair} does not name two labels, expected THEIRS=OURS"
+    UNKNOWN_LABEL = "{path} has no marker {missing} to rename, only {known}"
     START_OUT_OF_RANGE = (
-        "import.start_out_of_range",
-        "--start is {start}, expected a time from {earliest:.0f} to {latest:.0f}; give the time of the capture",
+        "--start is {start}, expected a time from {earliest:.0f} to {latest:.0f}; give the time of the capture"
     )
-    FORCE_FORMAT = "import.force_format", "{path} ends in {suffix}, expected force in .csv, .txt, .tsv or .c3d"
-    MARKER_FORMAT = "import.marker_format", "{path} ends in {suffix}, expected markers in .tsv, .trc or .c3d"
-    NO_FORCE_COLUMN = (
-        "import.no_force_column",
-        "{path} has no column {expected} among {known}; name the column by --force-column",
-    )
+    FORCE_FORMAT = "{path} ends in {suffix}, expected force in .csv, .txt, .tsv or .c3d"
+    MARKER_FORMAT = "{path} ends in {suffix}, expected markers in .tsv, .trc or .c3d"
+    NO_FORCE_COLUMN = "{path} has no column {expected} among {known}; name the column by --force-column"
     SEVERAL_FORCE_COLUMNS = (
-        "import.several_force_columns",
-        "{path} has the columns {found} among {known}, expected one; name the column by --force-column",
+        "{path} has the columns {found} among {known}, expected one; name the column by --force-column"
     )
     FORCE_UNIT = (
-        "import.force_unit",
         "{path} declares {column} in {unit}, expected {known}; export it in one of them, or give --force-unit if the "
-        "declaration is wrong",
+        "declaration is wrong"
     )
     NO_SCALE = (
-        "import.no_scale",
         'the configuration has load_cell.source = "{source}" and no scale for the volts of {column}; give --force-unit '
-        "N or lbs, or a configuration with capacity_kg and full_scale_v of the DAQ",
+        "N or lbs, or a configuration with capacity_kg and full_scale_v of the DAQ"
     )
     MARKERS_MISSING = (
-        "import.markers_missing",
         "{path} has no marker {missing}, only {known}; correct the labels of the cuff in the configuration, or rename "
-        "markers by --label THEIRS=OURS",
+        "markers by --label THEIRS=OURS"
     )
-    NOTHING_VISIBLE = (
-        "import.nothing_visible",
-        "{path} shows no marker in any frame; export the trajectories that are identified in QTM",
-    )
+    NOTHING_VISIBLE = "{path} shows no marker in any frame; export the trajectories that are identified in QTM"
     SAMPLE_RATE = (
-        "import.sample_rate",
         "{times} give {rate_hz:.3g} Hz, expected {lowest_hz:g} to {highest_hz:g} Hz; check that the times are in "
-        "seconds",
+        "seconds"
     )
     MARKER_DISTANCE = (
-        "import.marker_distance",
         "the markers of {path} are within {size_mm:.4g} mm of each other, expected {least_mm:g} to {most_mm:g} mm; "
-        "give the unit of the file by --mocap-unit",
+        "give the unit of the file by --mocap-unit"
     )
     IMPOSSIBLE_VALUE = (
-        "import.impossible_value",
-        "{what} has {value:.4g} at {time_s:.3f} s, expected at most {most:g}; correct the value, or cut the file there",
+        "{what} has {value:.4g} at {time_s:.3f} s, expected at most {most:g}; correct the value, or cut the file there"
     )
-    BEFORE_CAPTURE = (
-        "import.before_capture",
-        "{files}: the markers begin {before_s:.3g} s before the capture; export from frame 1 on",
-    )
+    BEFORE_CAPTURE = "{files}: the markers begin {before_s:.3g} s before the capture; export from frame 1 on"
     SHORT_OVERLAP = (
-        "import.short_overlap",
         "{files} have {common_s:.2f} s in common, expected at least half of {expected_s:.2f} s (" + _SPANS + "); check "
-        "that both are of the same trial and the lag is in seconds, or cut the longer one",
+        "that both are of the same trial and the lag is in seconds, or cut the longer one"
     )
     TIME_UNIT = (
-        "import.time_unit",
         "{files} have {common_s:.2f} s in common, expected at least half of {expected_s:.2f} s (" + _SPANS + "); check "
-        "that both are of the same trial; if the times of {times_of} are in {unit}, export them in s",
+        "that both are of the same trial; if the times of {times_of} are in {unit}, export them in s"
     )
-    NOT_USABLE = "import.not_usable", "{files} cannot be used: {reason}"
-    FILE_EXISTS = "import.file_exists", "{path} exists and is not overwritten; move it to another folder"
-    PARTIAL_OVERLAP = (
-        "import.partial_overlap",
-        "{files} have {common_s:.2f} s in common; the rest is not used: " + _SPANS,
-    )
+    NOT_USABLE = "{files} cannot be used: {reason}"
+    FILE_EXISTS = "{path} exists and is not overwritten; move it to another folder"
+    PARTIAL_OVERLAP = "{files} have {common_s:.2f} s in common; the rest is not used: " + _SPANS
     LAG_ASSUMED = (
-        "import.lag_assumed",
         "{files} have no sync line, and neither --lag-sd-s nor sync.lag_sd_s is given: the standard uncertainty of the "
         "lag is taken as {lag_sd_ms:.1f} ms, from half a force sample at {rate_hz:g} Hz; give --lag-sd-s, or import a "
-        "bounce",
+        "bounce"
     )
-    MARKER_FILE = "import.marker_file", "{reason}"
-    FORCE_COLUMN = "import.force_column", "force from the column {column} of {file}: {least:.4g} to {most:.4g} {unit}"
+    MARKER_FILE = "{reason}"
+    FORCE_COLUMN = "force from the column {column} of {file}: {least:.4g} to {most:.4g} {unit}"
 
     CUT_RECORDING = (
         "completion.cut_recording",
@@ -129,52 +103,39 @@ class ImportCode(Code):
     FRAMES_KEPT = "completion.frames_kept", "frames missing in the export, and kept from the live stream: {frames:.0f}"
 
 
-class ExportCode(Code):
+class ExportCode(Code, prefix="export."):
     """Reason why a recording is not exported or not replayed, and notes on what was written."""
 
-    INCOMPLETE_COMMAND = (
-        "export.incomplete_command",
-        "the export lacks {missing}; give it, or --osim to export a model with the suit",
-    )
-    UNUSED_OPTION = "export.unused_option", "an export with {option} takes no {unused}; leave out the one or the other"
-    INCOMPLETE_MODEL_COMMAND = (
-        "export.incomplete_model_command",
-        "the export with --osim lacks --output; give the file to write",
-    )
-    FILL_GAPS_FORMAT = (
-        "export.fill_gaps_format",
-        "--fill-gaps is for --to mot and --to sto; the other formats mark missing values",
-    )
-    NO_RECORDING = "export.no_recording", "{folder} contains no recording (*.mcap); give a session folder"
-    NOTHING_WRITTEN = "export.nothing_written", "{reasons}"
-    NOT_EXPORTED = "export.not_exported", "{reason}"
-    NO_COMMON_CLOCK = "export.no_common_clock", "{file} cannot be exported: {reason}"
-    RAW_POSSIBLE = "export.raw_possible", "{file} cannot be exported: {reason}; --to csv writes the raw samples"
-    RAW_ONLY = "export.raw_only", "{file} has no common clock, every stream is exported raw: {reason}"
+    INCOMPLETE_COMMAND = "the export lacks {missing}; give it, or --osim to export a model with the suit"
+    UNUSED_OPTION = "an export with {option} takes no {unused}; leave out the one or the other"
+    INCOMPLETE_MODEL_COMMAND = "the export with --osim lacks --output; give the file to write"
+    FILL_GAPS_FORMAT = "--fill-gaps is for --to mot and --to sto; the other formats mark missing values"
+    NO_RECORDING = "{folder} contains no recording (*.mcap); give a session folder"
+    NOTHING_WRITTEN = "{reasons}"
+    NOT_EXPORTED = "{reason}"
+    NO_COMMON_CLOCK = "{file} cannot be exported: {reason}"
+    RAW_POSSIBLE = "{file} cannot be exported: {reason}; --to csv writes the raw samples"
+    RAW_ONLY = "{file} has no common clock, every stream is exported raw: {reason}"
     NO_CUFF_FORCE = (
-        "export.no_cuff_force",
         "{file} is a {test} trial of the wearer, without a rope that pulls on a cuff; --to trc writes its markers for "
-        "inverse kinematics, --to csv the force of its cord",
+        "inverse kinematics, --to csv the force of its cord"
     )
-    BOUNCE = "export.bounce", "{file} is a bounce: no cuff is loaded"
-    NO_DIRECTION = "export.no_direction", "the direction of the force in {file} is unknown: {reason}"
+    BOUNCE = "{file} is a bounce: no cuff is loaded"
+    NO_DIRECTION = "the direction of the force in {file} is unknown: {reason}"
     CUFF_HIDDEN = (
-        "export.cuff_hidden",
         "{file} shows the cuff and its anchor together in fewer than {rows:consecutive force sample}; "
-        "`station info` shows how long every marker was hidden",
+        "`station info` shows how long every marker was hidden"
     )
     ROWS_LEFT_OUT = (
-        "export.rows_left_out",
         "the export of {file} leaves out {left_out:.0f} of {rows:row}, because a marker of the cuff or its anchor is "
-        "hidden; the rest is in {files:gap-free file}. --fill-gaps writes one file and fills the gaps",
+        "hidden; the rest is in {files:gap-free file}. --fill-gaps writes one file and fills the gaps"
     )
     ROWS_FILLED = (
-        "export.rows_filled",
         "{file}: direction and point of {hidden:row}, and {lost:row} of lost samples, are interpolated "
-        "linearly; the longest gap is {longest_s:.3g} s",
+        "linearly; the longest gap is {longest_s:.3g} s"
     )
-    INCOMPLETE = "export.incomplete", "{file} is incomplete, and so is its export: {reasons}"
-    MODEL_NOTE = "export.model_note", "{reason}"
+    INCOMPLETE = "{file} is incomplete, and so is its export: {reasons}"
+    MODEL_NOTE = "{reason}"
 
     NO_SAMPLES = "replay.no_samples", "{path} contains no samples to replay"
     NO_SYNC_EDGE = (
@@ -183,56 +144,44 @@ class ExportCode(Code):
     )
 
 
-class NumberCode(Code):
+class NumberCode(Code, prefix="number."):
     """Reason why a number of the report does not agree with its source."""
 
-    FILE = "number.file", "{path} cannot be used ({reason}); write it again with `station report`"
-    UNKNOWN = (
-        "number.unknown",
-        "{file} has no number {id}; the page shows the id of a number when the pointer rests on it",
-    )
-    NOT_ON_PAGE = "number.not_on_page", "{id} is not on the page"
-    NOT_LISTED = "number.not_listed", "{id} is on the page and not in the file"
-    PAGE = "number.page", "{id} is {found} on the page, expected {expected}"
-    RENDERING = "number.rendering", "{id} has the text {found}, expected {expected} of its value"
-    NO_SOURCE = "number.no_source", "{id} has no source: {pointer} is not in {source}"
-    LEFT_OUT = "number.left_out", "{id} is missing: its source gives it"
-    SOURCE = "number.source", "{id} is {found}, expected {expected} from {source} {pointer}"
-    FIGURE = "number.figure", "{id} is another drawing or caption than the one that was written"
-    PROVENANCE = "number.provenance", "{id} names other recordings or draws than those of {source} {pointer}"
-    INPUT = "number.input", "numbers that depend on it: {numbers}, the first {id}"
-    RECOMPUTED = "number.recomputed", "{id} is {found}, and a new fit of the recordings gives {expected}"
+    FILE = "{path} cannot be used ({reason}); write it again with `station report`"
+    UNKNOWN = "{file} has no number {id}; the page shows the id of a number when the pointer rests on it"
+    NOT_ON_PAGE = "{id} is not on the page"
+    NOT_LISTED = "{id} is on the page and not in the file"
+    PAGE = "{id} is {found} on the page, expected {expected}"
+    RENDERING = "{id} has the text {found}, expected {expected} of its value"
+    NO_SOURCE = "{id} has no source: {pointer} is not in {source}"
+    LEFT_OUT = "{id} is missing: its source gives it"
+    SOURCE = "{id} is {found}, expected {expected} from {source} {pointer}"
+    FIGURE = "{id} is another drawing or caption than the one that was written"
+    PROVENANCE = "{id} names other recordings or draws than those of {source} {pointer}"
+    INPUT = "numbers that depend on it: {numbers}, the first {id}"
+    RECOMPUTED = "{id} is {found}, and a new fit of the recordings gives {expected}"
 
 
-class ChainCode(Code):
+class ChainCode(Code, prefix="chain."):
     """Reason why a folder is not verified or signed, and remarks on its files."""
 
-    CHANGED = "chain.changed", "{file} has changed since it was recorded: its SHA-256 is not the one in {sums}"
-    ADDED = "chain.added", "{file} is not in {sums}: another program added it after the session was recorded"
+    CHANGED = "{file} has changed since it was recorded: its SHA-256 is not the one in {sums}"
+    ADDED = "{file} is not in {sums}: another program added it after the session was recorded"
     JOURNAL_ORDER = (
-        "chain.journal_order",
         "{file} has changed since it was recorded: line {line} does not continue the lines above it. Lines up to "
-        "line {line} were changed, removed, inserted or reordered",
+        "line {line} were changed, removed, inserted or reordered"
     )
     JOURNAL_CHANGED = (
-        "chain.journal_changed",
         "{file} has changed since it was recorded: it has {lines:line} and not the content in {sums}. The last "
-        "line was changed or removed",
+        "line was changed or removed"
     )
-    LIST_LINE = "chain.list_line", "line {line} does not name a file of this folder with its SHA-256"
-    LIST_MISSING = (
-        "chain.list_missing",
-        "{file} has hashes of its lines, and the list of all hashes of the folder is missing",
-    )
+    LIST_LINE = "line {line} does not name a file of this folder with its SHA-256"
+    LIST_MISSING = "{file} has hashes of its lines, and the list of all hashes of the folder is missing"
     NOT_ADDED = (
-        "chain.not_added",
-        "{file} was not added to {folder}: it is in the list of hashes, or not a file of a folder that has such a list",
+        "{file} was not added to {folder}: it is in the list of hashes, or not a file of a folder that has such a list"
     )
-    NOTHING_TO_VERIFY = (
-        "chain.nothing_to_verify",
-        "{folder} contains no recording, no {cuffs} and no {report} to verify",
-    )
-    NOT_REGULAR = "chain.not_regular", "{path} is a folder, a pipe or a device, expected a regular file; replace it"
+    NOTHING_TO_VERIFY = "{folder} contains no recording, no {cuffs} and no {report} to verify"
+    NOT_REGULAR = "{path} is a folder, a pipe or a device, expected a regular file; replace it"
     BROKEN = (
         "signature.chain_broken",
         "{folder} is not signed, its chain is broken at {link}; see `station verify {folder}`",

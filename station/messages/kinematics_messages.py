@@ -8,103 +8,79 @@ from __future__ import annotations
 from documents.message import Code
 
 
-class PersonCode(Code):
+class PersonCode(Code, prefix=""):
     """Findings on the body of a person, and reasons why it is not scaled."""
 
     SAME_NAME = (
-        "same_name",
-        "two files of --markers give a trial the name {name}, expected different names; rename one, or give it once",
+        "two files of --markers give a trial the name {name}, expected different names; rename one, or give it once"
     )
     MASS_DOES_NOT_FIT = (
-        "mass_does_not_fit",
         "a body mass of {mass_kg:.0f} kg does not fit an upper arm of {upper_arm_m:.3f} m: expected {lowest_kg:.0f} to "
-        "{highest_kg:.0f} kg; give the person's mass, not the model's, which is that of thorax and one arm",
+        "{highest_kg:.0f} kg; give the person's mass, not the model's, which is that of thorax and one arm"
     )
     HAND_HOLDS_LOAD = (
-        "hand_holds_load",
         "the hand of {model} weighs {hand_kg:.2f} kg, {ratio:.1f} times the mass expected for its upper arm, so it "
-        "seems to hold a load; give the load of these trials with --held-mass (0 for an empty hand)",
+        "seems to hold a load; give the load of these trials with --held-mass (0 for an empty hand)"
     )
     MODEL_MASS_DOES_NOT_FIT = (
-        "model_mass_does_not_fit",
         "a mass of {mass_kg:.0f} kg gives the model an upper arm of {segment_kg:.1f} kg, expected {lowest_kg:.1f} to "
-        "{highest_kg:.1f} kg for its length; the set-up's mass is the model's, thorax and one arm, not the subject's",
+        "{highest_kg:.1f} kg for its length; the set-up's mass is the model's, thorax and one arm, not the subject's"
     )
     MARKERS_DO_NOT_FIT = (
-        "markers_do_not_fit",
         "the markers lie {rms_mm:.0f} mm (RMS) from the fitted body, expected less than {highest_mm:.0f} mm: check "
-        "labels, units, side of the body and that all trials are of one person",
+        "labels, units, side of the body and that all trials are of one person"
     )
     POSE_MOVES = (
-        "pose_moves",
         "marker {marker} moves by {range_mm:.0f} mm within the static pose, expected less than {highest_mm:.0f} mm; "
-        "choose a time range in which the person stands still",
+        "choose a time range in which the person stands still"
     )
-    POSE_SWAYS = "pose_sways", "marker {marker} moves by {range_mm:.0f} mm within the static pose; its mean is used"
-    NOT_CONVERGED = (
-        "not_converged",
-        "the estimate did not converge in {steps:step}; sizes and standard errors are not final",
-    )
-    UNSOLVED_FRAMES = "unsolved_frames", "{trial}: inverse kinematics is unsolved in {frames} of {all:frame}"
-    LOCKS_REMOVED = "locks_removed", "coordinates locked in the generic model are free in this body: {coordinates}"
+    POSE_SWAYS = "marker {marker} moves by {range_mm:.0f} mm within the static pose; its mean is used"
+    NOT_CONVERGED = "the estimate did not converge in {steps:step}; sizes and standard errors are not final"
+    UNSOLVED_FRAMES = "{trial}: inverse kinematics is unsolved in {frames} of {all:frame}"
+    LOCKS_REMOVED = "coordinates locked in the generic model are free in this body: {coordinates}"
     MARKER_FAR_OFF = (
-        "marker_far_off",
         "{marker} lies {offset_mm:.0f} mm from where the model has it, {deviations:.1f} standard deviations: check its "
-        "label and placement",
+        "label and placement"
     )
     COORDINATE_OUT_OF_RANGE = (
-        "coordinate_out_of_range",
         "{trial}: {coordinate} is at {value_deg:.0f} deg in the median, outside its range of {lowest_deg:.0f} to "
-        "{highest_deg:.0f} deg: check the labels of the markers that it moves",
+        "{highest_deg:.0f} deg: check the labels of the markers that it moves"
     )
     TENDON_CHANGED = (
-        "tendon_changed",
         "{muscle}: tendon slack length changed by {change_mm:+.1f} mm, so that its fibre stays within the active range "
-        "(went from {shortest:.2f} to {longest:.2f} of the optimal length)",
+        "(went from {shortest:.2f} to {longest:.2f} of the optimal length)"
     )
-    SEGMENT_MASS = "segment_mass", "{segment}: the segment's mass is {ratio:.1f} times the expected one"
+    SEGMENT_MASS = "{segment}: the segment's mass is {ratio:.1f} times the expected one"
     HAND_MASS = (
-        "hand_mass",
-        "{segment}: the segment's mass is {ratio:.1f} times the expected one; a load in the hand may be the reason",
+        "{segment}: the segment's mass is {ratio:.1f} times the expected one; a load in the hand may be the reason"
     )
-    JOINT_NOT_EVALUATED = "joint_not_evaluated", "{trial}: muscles and joint force are not evaluated: {reason}"
+    JOINT_NOT_EVALUATED = "{trial}: muscles and joint force are not evaluated: {reason}"
     LARGE_JOINT_FORCE = (
-        "large_joint_force",
         "{trial}: the joint force reaches {percent:.0f} % of body weight, expected at most {highest_percent:.0f} %; "
-        "check the masses of body and load, in kg, and the labels of the markers",
+        "check the masses of body and load, in kg, and the labels of the markers"
     )
 
 
-class SubjectCode(Code):
+class SubjectCode(Code, prefix="subject."):
     """Fault of subject.toml, or file missing in its folder."""
 
-    UNREADABLE = (
-        "subject.unreadable",
-        "{path} should describe the wearer, mass_kg at least, and cannot be read ({reason}); write it",
-    )
-    INVALID_KEY = "subject.invalid_key", "{path}: {reason}; correct it"
+    UNREADABLE = "{path} should describe the wearer, mass_kg at least, and cannot be read ({reason}); write it"
+    INVALID_KEY = "{path}: {reason}; correct it"
     NO_MASS = (
-        "subject.no_mass",
         "the body mass of the wearer is not known, and the masses of the arm follow from it; enter it in the session's "
-        "set-up, or as mass_kg in subject.toml",
+        "set-up, or as mass_kg in subject.toml"
     )
-    UNKNOWN_MARKERS = (
-        "subject.unknown_markers",
-        "subject.toml names the markers {markers}, which {model} does not have; it has {known}",
-    )
+    UNKNOWN_MARKERS = "subject.toml names the markers {markers}, which {model} does not have; it has {known}"
     NO_MOTION = (
-        "subject.no_motion",
         "{folder} should hold a motion trial of the wearer and holds none, but {poses:pose trial}; record "
-        "one with `station record --test motion`",
+        "one with `station record --test motion`"
     )
     UNKNOWN_CUFF = (
-        "subject.unknown_cuff",
-        "subject.toml names the cuff {cuff} in the cord, the fitted arm cuffs are {known}; fit it or correct the name",
+        "subject.toml names the cuff {cuff} in the cord, the fitted arm cuffs are {known}; fit it or correct the name"
     )
     UNUSABLE_CUFF = (
-        "subject.unusable_cuff",
         "the cuff {cuff} was worn when the tension of the cord was measured, and cannot be used: {reason}. To leave "
-        "the comparison out, remove rest_length_m of [cord] in subject.toml",
+        "the comparison out, remove rest_length_m of [cord] in subject.toml"
     )
 
 

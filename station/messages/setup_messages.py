@@ -5,31 +5,25 @@ from __future__ import annotations
 from documents.message import Code
 
 
-class ConfigCode(Code):
+class ConfigCode(Code, prefix="config."):
     """Reason why the configuration cannot be used."""
 
-    UNREADABLE = "config.unreadable", "the configuration {path} cannot be read: {reason}"
-    MISSING = (
-        "config.missing",
-        "there is no configuration {path}; `station init` writes an example, or give another --config",
-    )
-    WRONG_SYNTAX = "config.wrong_syntax", "{path} {reason}"
-    WRONG_VALUE = "config.wrong_value", "{path}: {reason}"
-    UNKNOWN_KEY = "config.unknown_key", "{path}: {reason}; {advice}"
+    UNREADABLE = "the configuration {path} cannot be read: {reason}"
+    MISSING = "there is no configuration {path}; `station init` writes an example, or give another --config"
+    WRONG_SYNTAX = "{path} {reason}"
+    WRONG_VALUE = "{path}: {reason}"
+    UNKNOWN_KEY = "{path}: {reason}; {advice}"
     UNKNOWN_CUFF = (
-        "config.unknown_cuff",
         "the configuration has no cuff {name}, only {known}; add [cuffs.{name}] with its anchor_markers and "
-        "cuff_markers",
+        "cuff_markers"
     )
     NO_BOUNCE = (
-        "config.no_bounce",
         "the configuration has no [bounce], expected mass_kg of the weight and the marker on it; add the section to "
-        "record a bounce trial",
+        "record a bounce trial"
     )
     NO_BODY = (
-        "config.no_body",
         "the configuration has no [body], expected the labels of the markers on the wearer; add the section to record "
-        "a pose or a motion",
+        "a pose or a motion"
     )
     MISSING_PACKAGE = (
         "installation.missing_package",
@@ -70,11 +64,11 @@ class FolderCode(Code):
     )
 
 
-class SimulationCode(Code):
+class SimulationCode(Code, prefix="simulation."):
     """Reason why the simulated bench does not start or does not answer."""
 
-    NOT_RUNNING = "simulation.not_running", "the simulated bench is not running; start the session again"
-    ENDED = "simulation.ended", "the simulated bench ended with code {exit_code}; start the session again"
-    REFUSED = "simulation.refused", "the simulated bench refused: {reason}"
-    NOT_POSSIBLE = "simulation.not_possible", "the devices cannot be simulated: {reason}"
-    WRONG_PORT = "simulation.wrong_port", "simulation.ports.clock is {port}, expected a port number"
+    NOT_RUNNING = "the simulated bench is not running; start the session again"
+    ENDED = "the simulated bench ended with code {exit_code}; start the session again"
+    REFUSED = "the simulated bench refused: {reason}"
+    NOT_POSSIBLE = "the devices cannot be simulated: {reason}"
+    WRONG_PORT = "simulation.ports.clock is {port}, expected a port number"

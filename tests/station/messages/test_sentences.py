@@ -6,6 +6,7 @@ import enum
 import importlib
 import pkgutil
 import re
+from pathlib import Path
 from string import Formatter
 
 import pytest
@@ -31,6 +32,12 @@ CODES = [code for enumeration in (*ENUMERATIONS, CoverageCode, ScalingCode) for 
 
 def test_codes_are_unique() -> None:
     assert len({code.value for code in CODES}) == len(CODES)
+
+
+def test_no_code_of_a_released_version_is_gone() -> None:
+    """Most follow from the name of their member, which may not be changed for that reason."""
+    released = (Path(__file__).parent / "codes_of_0.2.0.txt").read_text(encoding="utf-8").split()
+    assert set(released) - {code.value for code in (*CODES, *FITTED)} == set()
 
 
 @pytest.mark.parametrize("code", CODES)
