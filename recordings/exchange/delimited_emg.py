@@ -30,7 +30,7 @@ from numpy.typing import NDArray
 from documents.interval import counted
 from recordings.errors import ForeignFile, RecordingCode
 from recordings.exchange.sample_tables import SignalTable, require_rising, require_single_channels
-from recordings.exchange.text import MISSING, PRINTED_BY_C, read_lines, read_numbers
+from recordings.exchange.text import MISSING, PRINTED_BY_C, is_number, read_lines, read_numbers
 
 SEPARATORS = ("\t", ";", ",")
 UNITS = {"v": "V", "mv": "mV", "uv": "uV", "µv": "uV", "μv": "uV"}
@@ -109,21 +109,16 @@ def _is_row(line: str) -> bool:
     """Whether it has at least two fields, all of them numbers."""
     fields = [field.strip().strip('"') for field in line.split(_separator(line))]
     filled = [field for field in fields if field]
-    return len(filled) > 1 and all(_is_number(field) for field in filled)
+    return len(filled) > 1 and all(_is_value(field) for field in filled)
 
 
 def _separator(line: str) -> str:
     return next((mark for mark in SEPARATORS if mark in line), ",")
 
 
-def _is_number(field: str) -> bool:
-    if field.lower() in MISSING or PRINTED_BY_C.fullmatch(field):
-        return True
-    try:
-        float(field.replace(",", "."))
-    except ValueError:
-        return False
-    return True
+def _is_value(field: str) -> bool:
+    """Whether it is a number, or written for one that is missing."""
+    return field.lower() in MISSING or PRINTED_BY_C.fullmatch(field) is not None or is_number(field)
 
 
 def _layout(above: Sequence[str], row: str, labels: tuple[str, ...], path: Path) -> _Layout:
@@ -142,7 +137,7 @@ def _layout(above: Sequence[str], row: str, labels: tuple[str, ...], path: Path)
             "give labels",
             RecordingCode.FOREIGN_TITLES,
         )
-    rates = {float(rate) for key in QTM_RATES for rate in keys.get(key, ()) if _is_number(rate)}
+    rates = {float(rate) for key in QTM_RATES for rate in keys.get(key, ()) if _is_value(rate)}
     if len(rates) > 1:
         raise ForeignFile(
             f"{path} has channels of {_listed(rates)} Hz, expected one rate; export them one by one",

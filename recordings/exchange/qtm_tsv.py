@@ -25,7 +25,7 @@ from recordings.exchange.sample_tables import (
     settle_times,
     without_origin,
 )
-from recordings.exchange.text import MISSING, read_lines, read_numbers, without_blank_end, write_row
+from recordings.exchange.text import MISSING, is_number, read_lines, read_numbers, without_blank_end, write_row
 
 KEY = re.compile(r"[A-Z][A-Z0-9_]+$")
 
@@ -96,17 +96,9 @@ def _header(lines: Sequence[str]) -> tuple[dict[str, list[str]], int]:
             continue
         first = next(iter(line.split()), "")
         is_hidden = line and first.lower() in MISSING and "MARKER_NAMES" in header
-        if is_hidden or _is_number(first):
+        if is_hidden or is_number(first):
             return header, i
     return header, len(lines)
-
-
-def _is_number(field: str) -> bool:
-    try:
-        float(field.replace(",", "."))
-    except ValueError:
-        return False
-    return True
 
 
 def _announced(header: dict[str, list[str]], key: str, otherwise: int) -> int:
@@ -147,7 +139,7 @@ def _time(
 ) -> tuple[float, NDArray[np.float64], tuple[str, ...]]:
     """As settle_times, from the columns Frame and Time and from FREQUENCY."""
     announced = (header.get("FREQUENCY") or [""])[0]  # "EXT" where another device gave the beat
-    rate = float(announced.replace(",", ".")) if _is_number(announced) else 0.0
+    rate = float(announced.replace(",", ".")) if is_number(announced) else 0.0
     numbers, time = np.arange(1, len(leading) + 1, dtype=np.float64), None
     for column in leading.T:
         if np.any(column % 1):

@@ -70,6 +70,15 @@ def split_fields(line: str, separator: str) -> list[str]:
     )
 
 
+def is_number(field: str) -> bool:
+    """Whether a field is a number, with a point or a comma before its decimals."""
+    try:
+        float(field.replace(",", "."))
+    except ValueError:
+        return False
+    return True
+
+
 def without_blank_end(lines: Sequence[str]) -> Sequence[str]:
     """The lines up to the last one with a field that is not empty."""
     count = len(lines)

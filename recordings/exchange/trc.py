@@ -19,7 +19,7 @@ from recordings.exchange.sample_tables import (
     settle_times,
     without_origin,
 )
-from recordings.exchange.text import printed_by_c, read_lines, read_numbers, without_blank_end, write_row
+from recordings.exchange.text import is_number, printed_by_c, read_lines, read_numbers, without_blank_end, write_row
 
 SEPARATORS = ("\t", ";", ",")
 COLUMNS_BEFORE = 2
@@ -43,7 +43,7 @@ def read_trc(path: Path, unit: str = "", tracked: Collection[str] = ()) -> Marke
     header = _header(lines[1], lines[2])
     columns, names = _named_columns(lines[3])
     labels, notes = distinct_labels(names, str(path))
-    first = next((i for i in range(4, len(lines)) if _is_number(lines[i].split("\t", 1)[0])), len(lines))
+    first = next((i for i in range(4, len(lines)) if is_number(lines[i].split("\t", 1)[0])), len(lines))
     notes += _note_on_markers(header, len(labels), path)
     if first == len(lines):
         raise ForeignFile(
@@ -110,14 +110,6 @@ def _header(keys: str, values: str) -> dict[str, str]:
     columns = [[field.strip() for field in line.split("\t")] for line in (keys, values)]
     filled = [[field for field in fields if field] for fields in columns]
     return dict(zip(*(filled if len(filled[0]) == len(filled[1]) else columns), strict=False))
-
-
-def _is_number(field: str) -> bool:
-    try:
-        float(field)
-    except ValueError:
-        return False
-    return True
 
 
 def _named_columns(line: str) -> tuple[list[int], list[str]]:
