@@ -15,7 +15,6 @@ from importlib.resources import files
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from solver.errors import MotionError, SolverCode
 from solver.functions.coordinate_functions import polynomial
@@ -23,6 +22,7 @@ from solver.functions.muscle_curves import MillardCurves, MillardTendon
 from solver.model import (
     NO_COORDINATE,
     AnyPathPoint,
+    Array,
     AxisMotion,
     Body,
     Coordinate,
@@ -44,7 +44,6 @@ from solver.motion import Motion
 from solver.multibody.constraints import constraint_gaps
 from solver.multibody.postures import postures, rotation_body_fixed_xyz
 
-Array = NDArray[np.float64]
 Table = dict[str, Any]
 
 

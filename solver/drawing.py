@@ -10,11 +10,10 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from solver.model import GROUND, Model, PathPoint, PointConstraint, WrapSurface
+from solver.model import GROUND, Array, Model, PathPoint, PointConstraint, WrapSurface
 from solver.multibody.postures import Postures, points_in_ground
 from solver.wrapping.path_tables import NO_SURFACE, pack_paths
 
-Array = NDArray[np.float64]
 BoneKind = Literal["shaft", "plate", "cage"]
 
 RING_POINTS = 24

@@ -16,14 +16,13 @@ from documents.message import Code, Message
 from documents.results import EqualByFields, labelled_dataset
 from solver.checks import ensure_at_least, ensure_known, ensure_type
 from solver.errors import MotionError, SolverCode, describe_codes
-from solver.model import Model
+from solver.model import Array, Model
 from solver.time_series_table import FEWEST_SAMPLED, LONGEST_STEP_S, TableHeader, ensure_seconds, read_table
 
 if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
 
-Array = NDArray[np.float64]
 Derivatives = Literal["differences", "splines"]
 SHORT_STEP_PERIODS = 0.1
 """Longest gap, in periods of the cut-off, that a spline bridges."""

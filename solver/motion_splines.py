@@ -14,15 +14,13 @@ from typing import Literal
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
 from solver.constraint import CoordinateCoupler, CoordinateLock, CoordinatePrescription
 from solver.errors import MotionError, SolverCode
 from solver.functions.coordinate_functions import natural_interpolation
-from solver.model import Model
+from solver.model import Array, Model
 from solver.motion import Kinematics, Motion, ensure_cutoff, ensure_steps, frames_between
 
-Array = NDArray[np.float64]
 Accelerations = Literal["curvatures", "slopes_of_speeds"]
 HALF_ORDER = 3
 LEAST_FRAMES = 2 * HALF_ORDER

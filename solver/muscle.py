@@ -25,12 +25,11 @@ from numpy.typing import NDArray
 
 from solver.errors import SolverCode
 from solver.functions.muscle_curves import Curves, DeGrooteFreglyCurves, MillardCurves
-from solver.model import Model, ModelError, Muscle, Path
+from solver.model import Array, Model, ModelError, Muscle, Path
 from solver.multibody.loads import LoadWrenches
 from solver.multibody.postures import Postures
 from solver.wrapping.path_tables import PathResults, PathTables, pack_paths
 
-Array = NDArray[np.float64]
 PathMode = Literal["opensim", "geodesic"]
 
 

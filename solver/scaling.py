@@ -20,7 +20,7 @@ from functools import lru_cache
 from typing import TypeVar, get_args
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from documents.message import Message
 from solver.constraint import ConstantDistanceConstraint, PointOnLineConstraint, WeldConstraint
@@ -46,6 +46,7 @@ from solver.inverse_kinematics.solve import TrackingTasks, assemble, solve_inver
 from solver.model import (
     Actuator,
     AnyPathPoint,
+    Array,
     AxisMotion,
     Body,
     Constraint,
@@ -66,7 +67,6 @@ from solver.model import (
 from solver.multibody.postures import Postures, postures
 from solver.muscle import evaluate_paths, muscle_forces
 
-Array = NDArray[np.float64]
 Factors = Array
 """(bodies, 3), 1 where a body keeps its size along an axis."""
 

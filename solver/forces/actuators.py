@@ -9,15 +9,12 @@ from dataclasses import dataclass
 from typing import ClassVar, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from solver.checks import freeze_arrays
-from solver.model import Model, Path
+from solver.model import Array, Model, Path
 from solver.multibody.loads import Loads, no_loads
 from solver.multibody.postures import Postures, point_to_ground, vector_to_ground, wrench_about_origin
 from solver.muscle import evaluate_paths
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -22,11 +22,10 @@ from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from solver.checks import freeze_arrays
 from solver.functions.coordinate_functions import Expression, Function
-from solver.model import Model, Path, Placement
+from solver.model import Array, Model, Path, Placement
 from solver.multibody.loads import Loads, no_loads
 from solver.multibody.postures import (
     Postures,
@@ -40,8 +39,6 @@ from solver.multibody.postures import (
     wrench_about_origin,
 )
 from solver.muscle import evaluate_paths
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

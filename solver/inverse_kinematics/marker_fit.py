@@ -35,11 +35,9 @@ from solver.inverse_kinematics.solve import (
     assemble,
     solve_inverse_kinematics,
 )
-from solver.model import GROUND, Marker, Model, ModelError
+from solver.model import GROUND, Array, Marker, Model, ModelError
 from solver.motion import Motion
 from solver.multibody.postures import points_in_ground, postures
-
-Array = NDArray[np.float64]
 
 FRAMES = 7
 """Frames that are looked at, evenly spread; each is solved from the default posture."""

@@ -10,9 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solver.functions.coordinate_functions import Function, Sine, polynomial
-from solver.model import NO_COORDINATE, AxisMotion, BallMotion, Joint, Model, ScapulothoracicMotion
+from solver.model import NO_COORDINATE, Array, AxisMotion, BallMotion, Joint, Model, ScapulothoracicMotion
 
-Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 Record = np.void
 Records = NDArray[np.void]

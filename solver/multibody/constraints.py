@@ -28,7 +28,7 @@ from solver.constraint import (
     PointOnLineConstraint,
     WeldConstraint,
 )
-from solver.model import Model
+from solver.model import Array, Model
 from solver.multibody.body_tables import pack_bodies
 from solver.multibody.postures import (
     Postures,
@@ -39,8 +39,6 @@ from solver.multibody.postures import (
     rotate,
     wrench_about_origin,
 )
-
-Array = NDArray[np.float64]
 
 
 def is_held(model: Model) -> NDArray[np.bool_]:

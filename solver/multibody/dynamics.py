@@ -30,13 +30,12 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
 from documents.results import EqualByFields
 from solver.checks import ensure_known, ensure_names
 from solver.constraint import CoordinateCoupler, CoordinateLock, CoordinatePrescription
 from solver.errors import SolverCode
-from solver.model import GROUND, Joint, Model, ModelError
+from solver.model import GROUND, Array, Joint, Model, ModelError
 from solver.motion import Kinematics
 from solver.multibody.body_tables import Indices, Tables, pack_bodies
 from solver.multibody.constraints import constraint_rows, constraint_wrenches
@@ -57,7 +56,6 @@ from solver.multibody.postures import (
 if TYPE_CHECKING:
     from solver.multibody.mass_matrix import DynamicsTerms, Responses
 
-Array = NDArray[np.float64]
 
 _RANK_TOLERANCE = 2e-14  # per row, of the greatest singular value: Simbody's SignificantReal
 _SINGULAR = 1e14  # greatest element of a matrix times that of its inverse; the arm reaches 1e6, odd postures 1e10

@@ -14,10 +14,9 @@ from typing import Protocol, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from solver.model import ActuatorOnBodies, Model
+from solver.model import ActuatorOnBodies, Array, Model
 from solver.multibody.postures import Postures, rotate, wrench_about_origin
 
-Array = NDArray[np.float64]
 Loads = tuple[Array, Array]
 """Wrenches (frames, bodies, 6), moment about the ground origin [N m] and force [N] on each body, in ground; and forces
 (frames, coordinates) [N, N m] that act on coordinates and on no body."""

@@ -13,13 +13,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from solver.errors import SolverCode
-from solver.model import GROUND, AxisMotion, Model, ModelError
+from solver.model import GROUND, Array, AxisMotion, Model, ModelError
 from solver.multibody.body_tables import POSE, Records, pack_bodies
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,13 +11,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from documents.regular_file import LARGEST_MODEL, read_regular
 from solver.errors import SolverCode
-from solver.model import ModelError
+from solver.model import Array, ModelError
 
-Array = NDArray[np.float64]
 DEEPEST, MOST_ELEMENTS = 100, 500_000
 MOST_FILES = 20
 MOST_QUOTED = 40

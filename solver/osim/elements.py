@@ -13,7 +13,6 @@ from typing import Any
 
 import numpy as np
 from numpy.polynomial import Polynomial
-from numpy.typing import NDArray
 
 from solver.errors import SolverCode
 from solver.functions.coordinate_functions import (
@@ -27,10 +26,19 @@ from solver.functions.coordinate_functions import (
     simm_spline,
     smooth_step,
 )
-from solver.model import GROUND, AnyPathPoint, Body, ConditionalPathPoint, Model, ModelError, Path, PathPoint, Placement
+from solver.model import (
+    GROUND,
+    AnyPathPoint,
+    Array,
+    Body,
+    ConditionalPathPoint,
+    Model,
+    ModelError,
+    Path,
+    PathPoint,
+    Placement,
+)
 from solver.multibody.postures import body_fixed_xyz_angles
-
-Array = NDArray[np.float64]
 
 VERSION = "40500"
 

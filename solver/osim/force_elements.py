@@ -6,7 +6,6 @@ import xml.etree.ElementTree as Xml
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from solver.errors import SolverCode
 from solver.forces.actuators import PathActuator, PointActuator, PointToPointActuator, TorqueActuator
@@ -31,7 +30,7 @@ from solver.forces.passive_forces import (
     SmoothContact,
 )
 from solver.functions.coordinate_functions import polynomial, simm_spline
-from solver.model import GROUND, Actuator, Coordinate, CoordinateActuator, Model, ModelError, Placement
+from solver.model import GROUND, Actuator, Array, Coordinate, CoordinateActuator, Model, ModelError, Placement
 from solver.multibody.postures import body_fixed_xyz_angles, rotation_body_fixed_xyz
 from solver.osim.document import Element
 from solver.osim.elements import add, add_function, add_values, body_path, find_objects
@@ -59,8 +58,6 @@ from solver.osim.force_parts import (
     value_part,
 )
 from solver.osim.names import Names, read_named_function
-
-Array = NDArray[np.float64]
 
 
 def read_force(element: Element, context: ForceContext) -> list[Any]:

@@ -7,7 +7,6 @@ from dataclasses import replace
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from documents.interval import counted
 from solver.constraint import (
@@ -24,6 +23,7 @@ from solver.errors import SolverCode
 from solver.functions.coordinate_functions import Function, polynomial, scaled
 from solver.model import (
     NO_COORDINATE,
+    Array,
     AxisMotion,
     BallMotion,
     Coordinate,
@@ -34,7 +34,6 @@ from solver.model import (
 from solver.osim.document import Element
 from solver.osim.names import Names, OffsetFrame, read_function, read_named_function
 
-Array = NDArray[np.float64]
 Kind = Literal["rotation", "translation", "coupled"]
 
 # Axes of OpenSim's elementary joints in the order of their coordinates: 0 to 2 are successive rotations about x, y, z,

@@ -8,15 +8,13 @@ from pathlib import Path
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
 from solver.errors import MotionError, SolverCode
-from solver.model import GROUND, Model, ModelError
+from solver.model import GROUND, Array, Model, ModelError
 from solver.multibody.loads import ExternalForce
 from solver.osim.document import Element, read_document
 from solver.time_series_table import ensure_seconds, read_table
 
-Array = NDArray[np.float64]
 LONGEST_GAP = 10.0
 """In median steps. A spline across a longer one invents a force; OpenSim takes it without a message."""
 LARGEST_LOAD = 1e9

@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from solver.constraint import (
     ConstantDistanceConstraint,
@@ -30,6 +29,7 @@ from solver.functions.coordinate_functions import Function
 from solver.model import (
     GROUND,
     NO_COORDINATE,
+    Array,
     BallMotion,
     Body,
     Coordinate,
@@ -53,8 +53,6 @@ from solver.osim.elements import (
 )
 from solver.osim.force_elements import add_force
 from solver.osim.muscle_elements import add_muscle
-
-Array = NDArray[np.float64]
 
 AXES = ("rotation1", "rotation2", "rotation3", "translation1", "translation2", "translation3")
 

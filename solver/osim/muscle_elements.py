@@ -10,7 +10,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from documents.interval import counted
 from solver.errors import SolverCode
@@ -28,6 +27,7 @@ from solver.functions.muscle_curves import (
 )
 from solver.model import (
     AnyPathPoint,
+    Array,
     ConditionalPathPoint,
     Model,
     MovingPathPoint,
@@ -47,7 +47,6 @@ from solver.osim.names import Names, OffsetFrame, read_function, read_named_func
 MILLARD, THELEN = "Millard2012EquilibriumMuscle", "Thelen2003Muscle"
 DE_GROOTE_FREGLY, SCHUTTE = "DeGrooteFregly2016Muscle", "Schutte1993Muscle_Deprecated"
 MUSCLES = (MILLARD, THELEN, DE_GROOTE_FREGLY, SCHUTTE)
-Array = NDArray[np.float64]
 
 
 def read_muscle(element: Element, names: Names, surfaces: Sequence[WrapSurface]) -> Muscle:

@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
 from solver.errors import SolverCode
 from solver.functions.coordinate_functions import (
@@ -24,11 +23,9 @@ from solver.functions.coordinate_functions import (
     simm_spline,
     smooth_step,
 )
-from solver.model import Coordinate, Placement
+from solver.model import Array, Coordinate, Placement
 from solver.multibody.postures import rotation_body_fixed_xyz
 from solver.osim.document import Element
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,6 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from solver.cuff import CuffParameters
 from solver.errors import SolverCode
@@ -32,8 +31,6 @@ from solver.osim.model_reader import read_osim_model
 from solver.osim.model_writer import add_axes, add_body, add_joint
 from solver.suit.cord import SuitScenario, cord_line, direction_to_joint, ensure_possible, suit_forces
 from solver.suit.suit import PARTS, Suit, SuitError, SuitMass, SuitPoint, ensure_fits, with_suit_masses
-
-Array = NDArray[np.float64]
 
 NO_NAME = r"[\s/\\*+]"  # characters that the name of a component of OpenSim cannot have
 REACH = 0.2  # m, either way: the range of a cuff's coordinates; they are not clamped to it

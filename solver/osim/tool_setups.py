@@ -13,19 +13,15 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from solver.errors import MotionError, SolverCode
 from solver.functions.coordinate_functions import natural_spline
 from solver.inverse_kinematics.solve import TrackingTasks, assemble
-from solver.model import Model, ModelError
+from solver.model import Array, Model, ModelError
 from solver.multibody.postures import points_in_ground, postures
 from solver.osim.document import Element, read_document
 from solver.osim.elements import VERSION, add, add_values
 from solver.time_series_table import read_table
-
-Array = NDArray[np.float64]
-
 
 WITHOUT_EFFECT = {
     "accuracy": ".*",

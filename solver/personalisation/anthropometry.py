@@ -23,12 +23,9 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from solver.errors import SolverCode
-from solver.model import Marker, Model, ModelError, PointConstraint, ScapulothoracicMotion
-
-Array = NDArray[np.float64]
+from solver.model import Array, Marker, Model, ModelError, PointConstraint, ScapulothoracicMotion
 
 POSTURE_OF_PERSON = np.radians(7.0)
 """Standard deviation, between persons, of the mean of a coordinate of clavicle or scapula, about the model's default.

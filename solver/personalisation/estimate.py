@@ -23,16 +23,13 @@ from dataclasses import dataclass, replace
 from enum import StrEnum
 
 import numpy as np
-from numpy.typing import NDArray
 
 from solver.errors import SolverCode
 from solver.inverse_kinematics.solve import InverseKinematics, TrackingTasks, solve_inverse_kinematics
-from solver.model import Marker, Model, ModelError
+from solver.model import Array, Marker, Model, ModelError
 from solver.personalisation.anthropometry import BodyPriors, body_factors, population_priors
 from solver.personalisation.normal_equations import Share, linearise_postures, normal_equations
 from solver.scaling import Scaling, scale_model, scale_skeleton
-
-Array = NDArray[np.float64]
 
 MOST_FRAMES = 60
 """Of a trial that enter the normal equations; its postures are solved in all frames."""

@@ -21,10 +21,9 @@ from solver.inverse_kinematics.solve import (
     build_problem,
     linearise_frames,
 )
-from solver.model import Model
+from solver.model import Array, Model
 from solver.multibody.postures import postures
 
-Array = NDArray[np.float64]
 Body = Callable[[Array], tuple[Model, TrackingTasks]]
 
 DIFFERENCE = 1e-5  # of ln(factor)

@@ -19,12 +19,12 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from solver.errors import SolverCode
 from solver.functions.coordinate_functions import polynomial
 from solver.model import (
     NO_COORDINATE,
+    Array,
     AxisMotion,
     Body,
     Joint,
@@ -51,7 +51,6 @@ MASS_DEVIATION: Final = 0.153
 MOST_DEVIATIONS: Final = 4.0  # none of 6,068 persons is farther off
 USUAL_RATIO: Final = 1.5
 """Of a segment's mass over the expected one, either way, before it is a finding."""
-Array = NDArray[np.float64]
 
 
 def segment_masses(model: Model) -> dict[str, float]:

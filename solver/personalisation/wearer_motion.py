@@ -39,7 +39,7 @@ from solver.inverse_kinematics.marker_fit import (
     trunk_and_bodies,
 )
 from solver.inverse_kinematics.solve import InverseKinematics, TrackingTasks
-from solver.model import Marker, Model
+from solver.model import Array, Marker, Model
 from solver.multibody.postures import postures
 from solver.personalisation.anthropometry import ELEVATION, BodyPriors, body_factors
 from solver.personalisation.estimate import (
@@ -57,8 +57,6 @@ from solver.personalisation.normal_equations import (
     parameter_derivatives,
 )
 from solver.scaling import Scaling, scale_skeleton
-
-Array = NDArray[np.float64]
 
 KNOTS = 24
 """Frames of a trial whose markers count, evenly spread over those that are solved."""

@@ -18,10 +18,9 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from solver.errors import SolverCode
-from solver.model import ModelError
+from solver.model import Array, ModelError
 from solver.redundancy.conic import solve_frame_with_clarabel
 from solver.redundancy.effort import Effort
 from solver.redundancy.frames import solve_frames
@@ -34,8 +33,6 @@ from solver.redundancy.problem import (
     WarmStart,
 )
 from solver.redundancy.reduction import Reduction, reduce_frames
-
-Array = NDArray[np.float64]
 
 LEAST_CURVATURE = 0.25  # h over w φ'': of a force that grows with the activation faster than in proportion
 FIRST_GUESS = 0.1

@@ -23,13 +23,12 @@ from pydantic import Field
 
 from solver.checks import ensure_known, ensure_names, ensure_type
 from solver.errors import SolverCode
-from solver.model import CoordinateActuator, Model, ModelError
+from solver.model import Array, CoordinateActuator, Model, ModelError
 from solver.multibody.constraints import is_held
 from solver.multibody.dynamics import ReactionRequest
 from solver.muscle import MuscleForceModel, PathMode
 from solver.redundancy.mechanics import JOINT, is_shoulder
 
-Array = NDArray[np.float64]
 Exponent = Literal[2, 3]
 Number = TypeVar("Number", float, Array)
 SAMPLES = 21  # activations from 0 to 1 at which a cost is checked

@@ -16,10 +16,9 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from solver.errors import SolverCode
-from solver.model import Model, ModelError
+from solver.model import Array, Model, ModelError
 from solver.muscle import MuscleForces
 from solver.redundancy.convex_frames import FIRST_GUESS, UNSOLVED, ClarabelFrame, ForcePoint, FrameStep, reduced_frame
 from solver.redundancy.effort import RedundancyOptions
@@ -42,8 +41,6 @@ from solver.tendons.fiber import (
     fill_settled,
     with_rigid_tendons,
 )
-
-Array = NDArray[np.float64]
 
 FORCE_TOLERANCE = 1e-10  # of the greatest isometric force, between linear and true force
 SMALL_STEP = 1e-3  # of an activation, below which the forces may agree so

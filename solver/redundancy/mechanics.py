@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solver.errors import MotionError, SolverCode
-from solver.model import CoordinateActuator, Model, ModelError
+from solver.model import Array, CoordinateActuator, Model, ModelError
 from solver.motion import Kinematics
 from solver.multibody.dynamics import (
     EquationsOfMotion,
@@ -46,7 +46,6 @@ from solver.muscle import (
 if TYPE_CHECKING:
     from solver.multibody.mass_matrix import Responses
 
-Array = NDArray[np.float64]
 
 JOINT = "GlenoHumeral"
 CENTER_MARKER, HEAD_MARKER, EDGE_MARKER = "Glenoid_Center", "HumHead_Center", "Glenoid_Edge"

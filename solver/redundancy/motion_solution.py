@@ -27,7 +27,7 @@ from documents.interval import counted
 from documents.message import Code, Message
 from documents.results import EqualByFields, curves_svg, labelled_dataset, result_html
 from solver.errors import SolverCode, SolverError, describe_codes
-from solver.model import CoordinateActuator, Model, ModelError
+from solver.model import Array, CoordinateActuator, Model, ModelError
 from solver.motion import Kinematics
 from solver.multibody.dynamics import EquationsOfMotion, JointReactions, ReactionRequest, is_bypassed, joint_reactions
 from solver.multibody.loads import ExternalForce, full_loads, load_wrenches
@@ -44,7 +44,6 @@ if TYPE_CHECKING:
 
     from solver.tendons.fiber import ElasticForces
 
-Array = NDArray[np.float64]
 FRAMES_AT_ONCE = 256
 """A block takes 1 ms for the calls of its stages, which is 4 µs a frame, and 12 MB with 33 muscles."""
 KEPT = 60_000_000  # bytes, at most

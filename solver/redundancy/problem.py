@@ -32,7 +32,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solver.errors import SolverCode
-from solver.model import Model, ModelError
+from solver.model import Array, Model, ModelError
 from solver.multibody.postures import each_frame
 from solver.redundancy.effort import (
     ActivationCost,
@@ -47,7 +47,6 @@ from solver.redundancy.effort import (
 )
 from solver.redundancy.mechanics import Mechanics, cone_rows, glenoid_cone
 
-Array = NDArray[np.float64]
 Outcomes = NDArray[np.object_]
 Codes = NDArray[np.int8]
 Number = TypeVar("Number", float, Array)

@@ -10,11 +10,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from solver.cuff import CuffParameters
 from solver.errors import SolverCode, SolverError
-from solver.model import Model, ModelError
+from solver.model import Array, Model, ModelError
 from solver.motion import Kinematics
 from solver.multibody.postures import postures, wrench_about_origin
 from solver.muscle import PathState
@@ -34,7 +33,6 @@ from solver.suit.cord import (
 )
 from solver.suit.suit import Suit, SuitError, ensure_fits, with_suit_masses
 
-Array = NDArray[np.float64]
 _NEIGHBOURS = {"backward": (-1.0, 0.0), "central": (-1.0, 0.0, 1.0)}
 _AT = 1  # the frame itself, among these
 SLACK = float("inf")

@@ -29,15 +29,13 @@ from numpy.typing import ArrayLike, NDArray
 from solver.errors import SolverCode
 from solver.inverse_kinematics.marker_fit import MarkerTracks, PostureErrors, exchanged_pairs, posture_errors
 from solver.inverse_kinematics.solve import NOISE_GAIN, NOISE_STEP, NOISE_WEIGHTS, PostureOutcome, TrackingTasks
-from solver.model import Model, ModelError
+from solver.model import Array, Model, ModelError
 from solver.personalisation.anthropometry import marker_errors
 from solver.redundancy.effort import RedundancyOptions
 from solver.stream.frame_muscles import FrameMuscles, StreamScenario
 from solver.stream.lag_window import FramePosture, LagWindow, PostureTracker
 from solver.stream.stream_frame import StreamFrame, StreamNotice, StreamOutcome, StreamSuitFrame
 from solver.suit.suit import Suit
-
-Array = NDArray[np.float64]
 
 DEFAULT_LAG = 0.15
 LARGEST_LAG = 0.5

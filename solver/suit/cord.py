@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from solver.cuff import CuffLaw, CuffParameters
 from solver.errors import SolverCode
-from solver.model import Model
+from solver.model import Array, Model
 from solver.motion import Kinematics
 from solver.multibody.dynamics import Response, response_to_loads
 from solver.multibody.loads import LoadWrenches
@@ -29,7 +29,6 @@ from solver.redundancy.mechanics import Mechanics
 from solver.redundancy.problem import LoadResponse
 from solver.suit.suit import Rate, Suit, SuitError, SuitPoint
 
-Array = NDArray[np.float64]
 Cuffs = Sequence[CuffParameters | None]
 Condition = Literal["rigid", "shift", "visco_elastic", "both"]
 CUFF_CONDITIONS: tuple[Condition, ...] = ("shift", "visco_elastic", "both")

@@ -6,15 +6,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from solver.errors import SolverCode
-from solver.model import Model
+from solver.model import Array, Model
 from solver.multibody.postures import postures
 from solver.suit.cord import cord_line
 from solver.suit.suit import PARTS, Suit, SuitError, SuitMass, SuitPoint
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -19,7 +19,7 @@ import scipy
 from numpy.typing import NDArray
 
 from solver.errors import MotionError, SolverCode
-from solver.model import Model, ModelError
+from solver.model import Array, Model, ModelError
 from solver.motion import Kinematics, decimate
 from solver.multibody.dynamics import Response
 from solver.multibody.postures import Postures, postures, wrench_about_origin
@@ -43,7 +43,6 @@ from solver.suit.cord import (
 )
 from solver.suit.suit import Suit, SuitError, ensure_fits, with_suit_masses
 
-Array = NDArray[np.float64]
 RANGE_TOLERANCE = 1e-6  # rad or m
 
 

@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field, ValidationError, model_validator
 
 from documents import validation
@@ -22,9 +21,7 @@ from documents.plain_data import PlainDataError, parse_toml
 from documents.regular_file import LARGEST_SUIT, describe_failure, read_regular
 from documents.validation import Section, Whole, describe_error
 from solver.errors import SolverCode, SolverError
-from solver.model import Model, with_point_mass
-
-Array = NDArray[np.float64]
+from solver.model import Array, Model, with_point_mass
 
 MigrationDirection = Literal["cord", "bone"]
 Rate = Literal["backward", "central"]

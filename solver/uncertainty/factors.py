@@ -11,10 +11,9 @@ import scipy
 from numpy.typing import NDArray
 
 from solver.cuff import CuffParameters
-from solver.model import Model
+from solver.model import Array, Model
 from solver.uncertainty.sources import Group, UncertaintySources
 
-Array = NDArray[np.float64]
 Scores = Mapping[str, Array]
 """Name of a factor → its standard normal scores (size,)."""
 

@@ -7,10 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
 from solver.cuff import CuffParameters
-from solver.model import Model, Muscle, PathPoint, with_mass_ratios
+from solver.model import Array, Model, Muscle, PathPoint, with_mass_ratios
 from solver.personalisation.anthropometry import ARM_SEGMENTS
 from solver.redundancy.effort import RedundancyOptions
 from solver.redundancy.mechanics import CENTER_MARKER, EDGE_MARKER
@@ -18,8 +17,6 @@ from solver.scaling import Scaling, scale_model
 from solver.suit.suit import PARTS, Suit
 from solver.uncertainty.factors import OUTERMOST, RandomFactor, Scores, normal_scores, scores_by_factor, unit_sample
 from solver.uncertainty.sources import BodySpread, DonningSpread, FitSpread, MuscleSpread
-
-Array = NDArray[np.float64]
 
 LEAST_STIFFNESS = 0.05
 """Of a drawn cuff over the fitted one: an error of the fit that is normal would make it negative."""

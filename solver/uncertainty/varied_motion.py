@@ -9,15 +9,13 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from solver.model import Model
+from solver.model import Array, Model
 from solver.motion import Kinematics
 from solver.multibody.constraints import constraint_rows
 from solver.multibody.postures import postures, rates_of_coordinates
 from solver.scaling import Scaling, scale_skeleton
 from solver.uncertainty.factors import Scores
 from solver.uncertainty.sources import MotionSpread
-
-Array = NDArray[np.float64]
 
 MOTION_FACTORS = ("drawn_motion", "posture", "noise", "amplitude", "duration")
 LEAST_SPREAD = 1e-4  # rad or m

@@ -14,6 +14,7 @@ from documents.interval import counted
 from solver.errors import SolverCode
 from solver.model import (
     AnyPathPoint,
+    Array,
     Model,
     ModelError,
     Path,
@@ -22,7 +23,6 @@ from solver.model import (
     WrapSurface,
 )
 
-Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 Record = np.void
 Records = NDArray[np.void]

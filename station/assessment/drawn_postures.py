@@ -5,17 +5,14 @@ from __future__ import annotations
 from typing import Annotated, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field
 
 from solver.drawing import BoneKind, bone_lines, path_lines, skeleton
-from solver.model import Model
+from solver.model import Array, Model
 from solver.motion import Kinematics
 from solver.multibody.postures import Postures, points_in_ground, postures
 from solver.suit.suit import PARTS, Suit, SuitPoint
 from station.assessment.assessment_json import KnownNumberEntry, StrictEntry, known
-
-Array = NDArray[np.float64]
 
 RING_POINTS = 24
 DECIMALS = 3

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from documents.message import Message
 from solver.errors import MotionError, SolverCode
-from solver.model import GROUND, Coordinate, Model
+from solver.model import GROUND, Array, Coordinate, Model
 from solver.motion import Derivatives, Kinematics, Motion, decimate, differentiate, limits_outside
 from solver.motion_splines import Accelerations, differentiate_by_splines, held_by_constraints
 from solver.multibody.constraints import is_held
@@ -38,7 +38,6 @@ from station.messages.assessment_messages import AssessmentCode
 from station.sources import named_hash, named_hashes, resolve_loads, resolve_model_and_suit, resolve_motion
 from station.versions import solving_versions
 
-Array = NDArray[np.float64]
 ANGLE_TOLERANCE = np.radians(1.0)
 """Of data against a coupler, lock or prescription: above what rounding and a filter change, below what matters."""
 DISTANCE_TOLERANCE = 5e-3  # m

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from documents.message import Figures, Message
-from solver.model import AxisMotion, BallMotion, Model
+from solver.model import Array, AxisMotion, BallMotion, Model
 from solver.motion import Kinematics
 from solver.multibody.body_tables import pack_bodies
 from solver.multibody.dynamics import inverse_dynamics
@@ -23,7 +23,6 @@ from solver.redundancy.mechanics import actuator_forces
 from solver.redundancy.motion_solution import MotionSolution
 from station.messages.assessment_messages import AssessmentCode
 
-Array = NDArray[np.float64]
 ReserveShares = Mapping[str, tuple[float, float]]
 """Coordinate → root mean squares over the solved frames of the force of actuators, and of that needed [N m, N]."""
 

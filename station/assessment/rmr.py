@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from documents.interval import counted
 from documents.message import Message
 from solver.errors import SolverCode
-from solver.model import Actuator, CoordinateActuator, Model, ModelError
+from solver.model import Actuator, Array, CoordinateActuator, Model, ModelError
 from solver.motion import Kinematics
 from solver.multibody.dynamics import JointReactions
 from solver.multibody.postures import postures
@@ -260,9 +260,6 @@ def _reserve_coordinates(model: Model) -> dict[str, str]:
     """Actuator → the coordinate that it moves; their names need not be alike."""
     moving = (actuator for actuator in model.actuators if isinstance(actuator, CoordinateActuator))
     return {actuator.name: model.coordinate_names[actuator.coordinate] for actuator in moving}
-
-
-Array = NDArray[np.float64]
 
 
 def filter_effect(

@@ -15,11 +15,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from solver.drawing import bone_lines, path_lines, skeleton
 from solver.errors import SolverError
-from solver.model import Model
+from solver.model import Array, Model
 from solver.multibody.postures import points_in_ground, postures
 from solver.suit.suit import Suit
 from station.live.published import NAN, LiveScenario, LiveSetup, LiveUpdate, LiveValues
@@ -35,7 +34,6 @@ WORN, RIGID, SLACK = "both", "rigid", "slack"
 SHOWN_S = 20.0
 KEPT_POINTS = 600
 """Points of each curve: SHOWN_S at the rate of the live process, and some more."""
-Array = NDArray[np.float64]
 MM = 1e3
 
 

@@ -32,7 +32,7 @@ from solver.inverse_kinematics.solve import (
     posture_uncertainty,
     solve_inverse_kinematics,
 )
-from solver.model import Model, ModelError
+from solver.model import Array, Model, ModelError
 from solver.motion import ensure_interval, limits_outside
 from solver.osim.document import read_document
 from solver.osim.tool_setups import IkSetup, ik_setup_document, read_ik_setup
@@ -56,8 +56,6 @@ from station.kinematics.marker_checks import (
 from station.kinematics.marker_sets import place_marker_set
 from station.messages.kinematics_messages import KinematicsCode
 from station.sources import BUNDLED, named_hash, resolve_model
-
-Array = NDArray[np.float64]
 
 MOST_LISTED = 10
 WRONG_POSTURES = (KinematicsCode.EXCHANGED, KinematicsCode.FAR)

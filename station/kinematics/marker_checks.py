@@ -12,7 +12,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from documents.message import Code, Figures, Message
 from recordings.exchange.c3d import read_c3d_markers
@@ -22,7 +21,7 @@ from recordings.exchange.trc import read_trc
 from recordings.standard_gravity import g
 from solver.inverse_kinematics.marker_fit import Exchange, find_exchanges, fit_markers
 from solver.inverse_kinematics.solve import InverseKinematics, PostureOutcome, PostureUncertainty, TrackingTasks
-from solver.model import CoordinateLock, Marker, Model
+from solver.model import Array, CoordinateLock, Marker, Model
 from solver.osim.tool_setups import IkSetup, ScaleSetup
 from solver.personalisation.anthropometry import ARM_SEGMENTS
 from solver.personalisation.estimate import BodyEstimate, EstimateOutcome
@@ -40,7 +39,6 @@ from station.errors import StationError
 from station.exit_code import WRONG_USAGE
 from station.messages.kinematics_messages import KinematicsCode, PersonCode
 
-Array = NDArray[np.float64]
 Finding = Message[Code]
 
 LEAST_SEEN = 0.6

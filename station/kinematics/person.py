@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
 from documents.interval import counted
@@ -23,7 +22,7 @@ from recordings.standard_gravity import g
 from solver.errors import CoverageCode, MotionError, ScalingCode
 from solver.inverse_kinematics.marker_fit import Vertical
 from solver.inverse_kinematics.solve import InverseKinematics, TrackingTasks
-from solver.model import CoordinateLock, Marker, Model, ModelError
+from solver.model import Array, CoordinateLock, Marker, Model, ModelError
 from solver.motion import Motion, decimate, differentiate
 from solver.osim.model_writer import osim_document
 from solver.osim.tool_setups import ik_setup_document, ik_setup_from_tasks
@@ -63,8 +62,6 @@ from station.messages.kinematics_messages import KinematicsCode, PersonCode
 from station.progress import Progress, silent
 from station.sources import BUNDLED, named_hash, repeated_name
 from station.versions import solving_versions
-
-Array = NDArray[np.float64]
 
 LARGEST_RMS = 0.030
 """m, of the markers from the best body; the published hand-tuned bodies of a lab have 24 to 27 mm without offsets."""

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from documents.message import Message
 from recordings.exchange.sample_tables import MarkerTable
 from solver.inverse_kinematics.solve import TrackingTasks
-from solver.model import Model
+from solver.model import Array, Model
 from solver.osim.model_writer import osim_document, read_marker_set, with_markers
 from solver.osim.tool_setups import IkSetup, ScaleSetup, read_scale_setup, scale_setup_document
 from solver.personalisation.coverage import check_coverage
@@ -36,8 +36,6 @@ from station.kinematics.marker_checks import (
 )
 from station.messages.kinematics_messages import KinematicsCode
 from station.sources import BUNDLED
-
-Array = NDArray[np.float64]
 
 LEAST_FACTOR, MOST_FACTOR = 0.5, 2.0
 

@@ -15,10 +15,9 @@ from matplotlib.collections import LineCollection
 from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure, SubFigure
 from matplotlib.patches import Ellipse
-from numpy.typing import NDArray
 
 from documents.interval import counted
-from solver.model import ModelError
+from solver.model import Array, ModelError
 from solver.redundancy.effort import effort_weights
 from solver.redundancy.mechanics import glenoid_cone, is_shoulder
 from solver.redundancy.problem import FrameOutcome
@@ -38,7 +37,6 @@ MM = 1e3
 MOST_RIMS = 10.0
 """Half width of the axes over that of the glenoid: a reaction nearly in the glenoid's plane meets it far away."""
 Page = Figure | SubFigure
-Array = NDArray[np.float64]
 
 
 def draw_solved(path: Path, solved: SolvedMotion) -> None:

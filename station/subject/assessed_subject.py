@@ -11,7 +11,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from documents.interval import counted
 from documents.message import Message
@@ -33,7 +32,7 @@ from solver.inverse_kinematics.solve import (
     posture_uncertainty,
     solve_inverse_kinematics,
 )
-from solver.model import Model
+from solver.model import Array, Model
 from solver.motion import Kinematics, differentiate
 from solver.personalisation.estimate import within_ranges
 from solver.personalisation.wearer_motion import MOST_STEPS, WearerMotion, smooth_wearer
@@ -49,8 +48,6 @@ from station.messages.kinematics_messages import PersonCode, SubjectCode
 from station.progress import Progress, silent
 from station.subject.subject_document import BodyFactor, CordTension, MarkerResidual, SubjectDocument, WearerFinding
 from station.subject.subject_file import SUBJECT_FILE, Subject, read_subject, refuse_subject
-
-Array = NDArray[np.float64]
 
 ASSESSED: tuple[TrialCondition, ...] = ("unsuited", "slack", "tight")
 """The motion to assess is that of the first of these conditions that was recorded: the suit changes it least."""

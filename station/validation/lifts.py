@@ -22,7 +22,6 @@ from pathlib import Path
 import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 from rich.table import Table
 
 from documents.message import Figures, Message, because
@@ -31,7 +30,7 @@ from recordings.exchange.joint_force import JointForceRecord, interpolate_sample
 from recordings.exchange.sample_tables import require_rising
 from recordings.exchange.text import read_lines, read_numbers
 from solver.errors import SolverError
-from solver.model import Model
+from solver.model import Array, Model
 from solver.motion import Kinematics, Motion, differentiate, read_motion
 from solver.multibody.postures import postures
 from solver.osim.model_reader import read_osim
@@ -54,8 +53,6 @@ from station.messages.assessment_messages import AssessmentCode
 from station.messages.study_messages import ValidationCode
 from station.progress import Progress, silent
 from station.report.plot import LINE, SHADES, STYLE, as_png
-
-Array = NDArray[np.float64]
 
 LARGEST_MEDIAN_N, LARGEST_EXCESS_PERCENT = 5.0, 1.0
 """Median difference from the published force [N]; RMSE above the published one [% of body weight]."""

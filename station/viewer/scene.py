@@ -16,7 +16,6 @@ from typing import Self
 import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
-from numpy.typing import NDArray
 
 from documents.plain_data import read_json
 from fitting.diagnosis.identification import FittedPull
@@ -28,7 +27,7 @@ from fitting.wearer.wearer_trial import read_wearer_trial
 from recordings.reader import read_manifest
 from solver.bundled import bundled_model, simulate_arm_raise
 from solver.cuff import KelvinVoigt
-from solver.model import Model
+from solver.model import Array, Model
 from solver.motion import decimate, differentiate
 from solver.suit.suit import read_suit
 from station.assessment.assessment_json import ACTIVATIONS_FILE, ASSESSMENT_FILE
@@ -49,7 +48,6 @@ from station.viewer.viewer import (
     open_stream,
 )
 
-Array = NDArray[np.float64]
 MEASURED: LineStyle = ((130, 170, 225), 2.5)
 FITTED: LineStyle = ((245, 150, 40), 1.2)
 """Colour and width of a curve; the fitted one is drawn thinner, on top of the measured one."""
