@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from types import SimpleNamespace
 
 import numpy as np
 
 from drivers.errors import DeviceError, DeviceLost
 from recordings.samples import DeviceIdentity, Event, Item, Samples, Stream
+from station.bench.view import Snapshot
 from station.clock import Clock
 
 
@@ -103,6 +105,11 @@ class FakeMocap:
 
     def close(self) -> None:
         pass
+
+
+def view(show: Callable[[Snapshot], None]) -> SimpleNamespace:
+    """A view of a recorder that looks at states only."""
+    return SimpleNamespace(offer=lambda _: None, show=show)
 
 
 def _pause(timeout_s: float) -> None:

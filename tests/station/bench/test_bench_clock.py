@@ -10,6 +10,7 @@ import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -20,7 +21,7 @@ from drivers.simulators import world_clock
 from drivers.simulators.simulated_bench import Bench
 from recordings.contents import read_contents
 from recordings.reader import open_recording
-from recordings.samples import Item, Samples
+from recordings.samples import Samples
 from station.bench import bench_clock
 from station.bench.bench_clock import BenchClock
 from station.bench.simulation import SimulatedBench
@@ -33,24 +34,22 @@ from station.messages.bench_messages import TrialCode
 from station.protocol import TrialSpec
 from station.session.trial_daemon import Telemetry
 from tests.refusals import raises_refusal
+from tests.station.fake_devices import view
 from tests.timeout import scaled_timeout
 
 SHORT = {"static": {"lead_in_s": 1.0, "hold_s": 2.0, "step_masses_kg": [3.0]}}
 SPEC = TrialSpec("waist", "static", 1)
 
 
-class Looks:
-    """A view that acts once the trial has been recorded for a given number of seconds."""
+def after_a_second(act: Callable[[], None]) -> SimpleNamespace:
+    """A view that acts once a second of the trial has been recorded."""
+    acts = [act]
 
-    def __init__(self, act: Callable[[], None], after_s: float = 1.0) -> None:
-        self._act, self._after_s, self.has_acted = act, after_s, False
+    def show(snapshot: Snapshot) -> None:
+        if acts and snapshot.state is TrialState.RECORDING and snapshot.recorded_s > 1.0:
+            acts.pop()()
 
-    def offer(self, item: Item) -> None: ...
-
-    def show(self, snapshot: Snapshot) -> None:
-        if not self.has_acted and snapshot.state is TrialState.RECORDING and snapshot.recorded_s > self._after_s:
-            self.has_acted = True
-            self._act()
+    return view(show)
 
 
 def config_for(ports: dict[str, int]) -> StationConfig:
@@ -125,7 +124,7 @@ def test_a_simulator_that_is_killed_ends_the_trial_as_a_lost_device_does(tmp_pat
         child = bench._child
         assert child is not None
         with BenchClock(bench.clock_port) as clock:
-            daemon = TrialRecorder(config_for(bench.ready["ports"]), clock, [Looks(child.process.kill)])
+            daemon = TrialRecorder(config_for(bench.ready["ports"]), clock, [after_a_second(child.process.kill)])
             result = daemon.record(tmp_path, SPEC)
     assert not result.accepted and result.path is not None
     assert [message.code for message in result.messages] == [TrialCode.DEVICE_LOST]
@@ -147,7 +146,9 @@ def test_a_second_station_is_refused_and_the_first_continues(
         refused.append(str(caught.value))
 
     with BenchClock(bench.ports["clock"]) as clock:
-        result = TrialRecorder(config_for(bench.ports), clock, [Looks(try_another)]).record(tmp_path / "first", SPEC)
+        result = TrialRecorder(config_for(bench.ports), clock, [after_a_second(try_another)]).record(
+            tmp_path / "first", SPEC
+        )
     assert result.accepted and not result.lost_samples
     assert len(refused) == 1 and "is in use by another recording on this computer" in refused[0]
     assert not list((tmp_path / "other").glob("*.mcap"))

@@ -33,12 +33,23 @@ def test_a_trial_runs_from_the_edge_to_the_capture_s_end_and_is_accepted() -> No
     assert sync[-1] == 0.0, "the falling edge is recorded too"
 
 
-def test_the_duration_counts_from_the_edge_on_the_daq_s_clock() -> None:
-    bench = Bench(duration_s=4.0).record(4.5, armed_s=3.0)
+def test_the_duration_counts_from_the_edge_on_the_daq_s_clock_unless_the_capture_ends_first() -> None:
+    bench, ended = Bench(duration_s=4.0).record(4.5, armed_s=3.0), Bench(duration_s=100.0).record(3.0)
     assert bench.trial.state is TrialState.CLOSING
     bench.run(1.0)
-    assert bench.trial.state is TrialState.CLOSED
+    ended.stop_capture(2.0)
+    assert bench.trial.state is ended.trial.state is TrialState.CLOSED
     assert bench.trial.messages == (Message(TrialCode.DURATION_REACHED, {"duration_s": 4.0}),)
+    assert ended.codes == [TrialCode.CAPTURE_ENDED]
+
+
+def test_without_events_a_capture_ends_by_line_and_silence_and_not_by_one_of_them() -> None:
+    bench, pulse = Bench().arm(1.0), Bench().record(0.2)
+    bench.level, bench.capturing, pulse.level = 5.0, True, 0.0
+    bench.run(3.0)
+    bench.stop_capture(4.0, with_event=False)
+    pulse.run(5.0)
+    assert (bench.trial.state, pulse.trial.state) == (TrialState.CLOSED, TrialState.RECORDING)
 
 
 def test_frames_after_the_end_of_the_capture_are_not_recorded() -> None:
@@ -50,28 +61,6 @@ def test_frames_after_the_end_of_the_capture_are_not_recorded() -> None:
     bench.trial.handle(Loss("/markers", "skipped", 11, 5, 0, bench.clock.utc_ns()))
     bench.run(2.0)
     assert (len(bench.writer.samples("/markers")), bench.trial.lost_samples) == (recorded, 0)
-
-
-def test_a_capture_that_ends_first_ends_the_trial_before_its_duration() -> None:
-    bench = Bench(duration_s=100.0).record(3.0)
-    bench.stop_capture(2.0)
-    assert (bench.trial.state, bench.codes) == (TrialState.CLOSED, [TrialCode.CAPTURE_ENDED])
-
-
-def test_a_mocap_system_without_events_ends_its_capture_by_line_and_silence() -> None:
-    bench = Bench().arm(1.0)
-    bench.level, bench.capturing = 5.0, True
-    bench.run(3.0)
-    bench.stop_capture(with_event=False)
-    bench.run(4.0)
-    assert bench.trial.state is TrialState.CLOSED
-
-
-def test_a_short_sync_pulse_does_not_end_the_trial() -> None:
-    bench = Bench().record(0.2)
-    bench.level = 0.0
-    bench.run(5.0)
-    assert bench.trial.state is TrialState.RECORDING
 
 
 def test_a_dip_of_the_line_while_recording_is_noted_and_ignored() -> None:
@@ -203,12 +192,11 @@ def test_a_line_that_stays_high_after_the_capture_is_noted() -> None:
 
 
 def test_a_trial_that_is_cut_short_is_closed_well_and_not_accepted() -> None:
-    full = Message(TrialCode.DISK_NEARLY_FULL, {"folder": "monday", "free_mb": 40.0, "reserve_mb": 50.0})
-    bench = Bench().record(1.0, armed_s=3.0)
-    bench.trial.cut_short(full)
+    bench = _recording()
+    bench.trial.cut_short(FULL)
     assert bench.trial.state is TrialState.CLOSING
     bench.run(2.0)
-    assert (bench.trial.state, bench.trial.messages) == (TrialState.FAILED, (full,))
+    assert (bench.trial.state, bench.trial.messages) == (TrialState.FAILED, (FULL,))
     assert "disk_nearly_full" in bench.writer.events()
 
 
@@ -291,21 +279,9 @@ def _recording() -> Bench:
     return Bench().record(1.0, armed_s=3.0)
 
 
-def _closing() -> Bench:
+def _ended(end: Callable[[TrialStateMachine], None]) -> Bench:
     bench = _recording()
-    bench.trial.stop()
-    return bench
-
-
-def _closed() -> Bench:
-    bench = _closing()
-    bench.trial.stop(at_once=True)
-    return bench
-
-
-def _failed() -> Bench:
-    bench = _recording()
-    bench.trial.fail(DeviceLost("the load cell is gone"), "NI Dev1")
+    end(bench.trial)
     return bench
 
 
@@ -313,41 +289,43 @@ REACHED: dict[TrialState, Callable[[], Bench]] = {
     IDLE: Bench,
     ARMED: lambda: Bench().arm(),
     RECORDING: _recording,
-    CLOSING: _closing,
-    CLOSED: _closed,
-    FAILED: _failed,
+    CLOSING: lambda: _ended(lambda trial: trial.stop()),
+    CLOSED: lambda: _ended(lambda trial: trial.stop(at_once=True)),
+    FAILED: lambda: _ended(lambda trial: trial.fail(DeviceLost("the load cell is gone"), "NI Dev1")),
 }
-HAPPENINGS: dict[str, Callable[[TrialStateMachine], None]] = {
-    "stop": lambda trial: trial.stop(),
-    "stop at once": lambda trial: trial.stop(at_once=True),
-    "a device is lost": lambda trial: trial.fail(DeviceLost("gone"), "QTM"),
-    "the disk is full": lambda trial: trial.cut_short(FULL),
-    "the capture ends": lambda trial: trial.handle(Event("capture_stopped", "", 0, "QTM")),
-    "the capture is replaced": lambda trial: trial.handle(Event("capture_replaced", "another's", 0, "QTM")),
-    "the writer fails": lambda trial: trial.abandon(RecordingError("the disk is gone")),
-    "a mark": lambda trial: trial.mark(),
-    "time": lambda trial: trial.tick(),
+
+
+Happening = Callable[[TrialStateMachine], None]
+HAPPENINGS: dict[str, tuple[Happening, tuple[TrialState, ...]]] = {
+    "stop": (lambda trial: trial.stop(), (FAILED, FAILED, CLOSING, CLOSING, CLOSED, FAILED)),
+    "stop at once": (lambda trial: trial.stop(at_once=True), (FAILED, FAILED, CLOSED, CLOSED, CLOSED, FAILED)),
+    "a device is lost": (
+        lambda trial: trial.fail(DeviceLost("gone"), "QTM"),
+        (FAILED, FAILED, FAILED, CLOSING, CLOSED, FAILED),
+    ),
+    "the disk is full": (lambda trial: trial.cut_short(FULL), (FAILED, FAILED, CLOSING, CLOSING, CLOSED, FAILED)),
+    "the capture ends": (
+        lambda trial: trial.handle(Event("capture_stopped", "", 0, "QTM")),
+        (IDLE, ARMED, CLOSING, CLOSING, CLOSED, FAILED),
+    ),
+    "the capture is replaced": (
+        lambda trial: trial.handle(Event("capture_replaced", "another's", 0, "QTM")),
+        (IDLE, ARMED, CLOSING, CLOSING, CLOSED, FAILED),
+    ),
+    "the writer fails": (lambda trial: trial.abandon(RecordingError("the disk is gone")), (FAILED,) * 6),
+    "a mark": (lambda trial: trial.mark(), tuple(TrialState)),
+    "time": (lambda trial: trial.tick(), tuple(TrialState)),
 }
-NEXT = {
-    "stop": (FAILED, FAILED, CLOSING, CLOSING, CLOSED, FAILED),
-    "stop at once": (FAILED, FAILED, CLOSED, CLOSED, CLOSED, FAILED),
-    "a device is lost": (FAILED, FAILED, FAILED, CLOSING, CLOSED, FAILED),
-    "the disk is full": (FAILED, FAILED, CLOSING, CLOSING, CLOSED, FAILED),
-    "the capture ends": (IDLE, ARMED, CLOSING, CLOSING, CLOSED, FAILED),
-    "the capture is replaced": (IDLE, ARMED, CLOSING, CLOSING, CLOSED, FAILED),
-    "the writer fails": (FAILED,) * 6,
-    "a mark": (IDLE, ARMED, RECORDING, CLOSING, CLOSED, FAILED),
-    "time": (IDLE, ARMED, RECORDING, CLOSING, CLOSED, FAILED),
-}
+"""What can happen → the state that follows on each of TrialState."""
 
 
 @pytest.mark.parametrize("happening", HAPPENINGS)
 @pytest.mark.parametrize("state", TrialState)
 def test_every_method_of_a_state_returns_a_state(state: TrialState, happening: str) -> None:
-    bench = REACHED[state]()
+    bench, (happens, following) = REACHED[state](), HAPPENINGS[happening]
     assert bench.trial.state is state
-    HAPPENINGS[happening](bench.trial)
-    assert bench.trial.state is NEXT[happening][list(TrialState).index(state)]
+    happens(bench.trial)
+    assert bench.trial.state is following[list(TrialState).index(state)]
     assert state is not ARMED or bench.writer.items == []
 
 
