@@ -11,15 +11,7 @@ import pytest
 from playwright.sync_api import Browser, expect
 
 from station.journal import Recorded, Setup, write_recorded, write_setup
-from tests.station.console.browsing import (
-    begin,
-    buttons_are_in_view,
-    fits_on_the_screen,
-    open_page,
-    runs,
-    seen,
-    until,
-)
+from tests.station.console.browsing import begin, buttons_are_in_view, fits_on_the_screen, open_page, runs, seen, until
 from tests.station.console.served import ServedConsole, write_config
 
 pytestmark = pytest.mark.timeout(600)

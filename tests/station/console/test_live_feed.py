@@ -10,6 +10,7 @@ from contextlib import asynccontextmanager
 from functools import wraps
 from pathlib import Path
 from typing import Any
+from unittest.mock import Mock
 from xml.etree import ElementTree
 
 import numpy as np
@@ -24,14 +25,6 @@ from station.live.published import LiveSetup, LiveSubject
 from station.sources import read_model
 from tests.station.console.live_source import LiveSource, live_setup
 from tests.timeout import scaled_timeout
-
-
-class ManualClock:
-    def __init__(self) -> None:
-        self.now_s = 100.0
-
-    def __call__(self) -> float:
-        return self.now_s
 
 
 async def polled(feed: LiveFeed, is_met: Callable[[], bool]) -> None:
@@ -99,12 +92,12 @@ async def test_a_rest_length_is_common_at_once_and_solved_from_the_next_frame_on
 
 @in_a_loop
 async def test_a_rest_length_that_is_not_applied_is_not_shown_for_long(tmp_path: Path) -> None:
-    clock = ManualClock()
+    clock = Mock(return_value=100.0)
     async with followed(tmp_path, clock=clock) as (feed, _):
         feed.set_rest_length(0.755)
         await feed.poll()
         assert feed.rest_length_m == 0.755
-        clock.now_s += COMMAND_TIMEOUT_S + 0.1
+        clock.return_value += COMMAND_TIMEOUT_S + 0.1
         await feed.poll()
         assert feed.rest_length_m == 0.70
 

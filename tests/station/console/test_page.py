@@ -28,11 +28,19 @@ from station.session.open_session import CommandRefused
 from tests.refusals import raises_refusal
 from tests.station.console.live_source import live_setup
 
-CHARTS = pytest.mark.parametrize(
+
+@pytest.mark.parametrize(
     "chart",
     [force_over_motion([]), _over_time(DISPLACEMENT_AXIS), _over_time(ELEVATION_AXIS)],
     ids=["path", "over time", "wearer"],
 )
+def test_every_axis_of_a_chart_has_a_name_with_its_unit_and_labels_that_never_run_into_each_other(
+    chart: dict[str, Any],
+) -> None:
+    assert chart["xAxis"]["axisLabel"]["hideOverlap"]
+    beside = chart["yAxis"] if isinstance(chart["yAxis"], list) else [chart["yAxis"]]
+    for axis in (chart["xAxis"], *beside):
+        assert axis["name"].endswith(("[s]", "[N]", "[mm]", "[deg]"))
 
 
 class Field:
@@ -114,18 +122,6 @@ def test_a_press_without_a_time_and_one_of_long_ago_are_not_executed(pressed_ms:
     with raises_refusal(code, kind=CommandRefused):
         _unless_late("Begin", pressed_ms, lambda: pressed.append("Begin"))
     assert not pressed
-
-
-@CHARTS
-def test_labels_of_the_horizontal_axis_never_run_into_each_other(chart: dict[str, Any]) -> None:
-    assert chart["xAxis"]["axisLabel"]["hideOverlap"]
-
-
-@CHARTS
-def test_every_axis_of_a_chart_has_a_name_with_its_unit(chart: dict[str, Any]) -> None:
-    beside = chart["yAxis"] if isinstance(chart["yAxis"], list) else [chart["yAxis"]]
-    for axis in (chart["xAxis"], *beside):
-        assert axis["name"].endswith(("[s]", "[N]", "[mm]", "[deg]"))
 
 
 @pytest.mark.parametrize(

@@ -80,11 +80,8 @@ def test_of_a_wearer_elevation_body_markers_and_emg_are_shown() -> None:
     roles = marker_roles(wearer_config(), spec)
     without = marker_roles(wearer_config(), TrialSpec(None, "motion", 1, condition="unsuited"))
     seen = {"ac": True, "cord_arm": False, "cuff_1": False}
-    assert [has_force(wearer_config(), one) for one in (spec, replace(spec, condition="unsuited"), BOUNCE)] == [
-        True,
-        False,
-        True,
-    ], "no chart of an idle load cell"
+    forces = [has_force(wearer_config(), one) for one in (spec, replace(spec, condition="unsuited"), BOUNCE)]
+    assert forces == [True, False, True], "no chart of an idle load cell"
     assert (markers_text(seen, roles), markers_text(seen, without)) == ("hidden: cord_arm", "marker ac seen")
     assert (roles["ac"], roles["ij"], roles["cord_arm"]) == ("arm", "body", "suit") and "cuff_1" not in roles
 
@@ -142,31 +139,18 @@ async def test_every_tick_with_new_data_sends_one_update_to_a_browser_that_draws
 
 
 @in_a_loop
-async def test_a_browser_that_does_not_draw_receives_no_further_updates_until_it_does() -> None:
+async def test_a_browser_that_does_not_draw_receives_no_further_updates_until_it_does_or_has_timed_out() -> None:
     browser = FakeBrowser()
     sender = UpdateSender(browser.draw)
-    for tick in range(50):
-        sender.tick(float(tick))  # without a turn: the count must not wait for the tasks
+    for sent, answers in ((0, browser.has_drawn), (1, browser.times_out)):
+        for tick in range(50):
+            sender.tick(50.0 * sent + tick)  # without a turn: the count must not wait for the tasks
+        await turn()
+        assert browser.sent == UNDRAWN_UPDATES + sent
+        await answers()
+    sender.tick(100.0)
     await turn()
-    assert browser.sent == UNDRAWN_UPDATES
-    await browser.has_drawn()
-    for tick in range(50, 100):
-        sender.tick(float(tick))
-    await turn()
-    assert browser.sent == UNDRAWN_UPDATES + 1
-
-
-@in_a_loop
-async def test_a_browser_that_timed_out_receives_updates_again() -> None:
-    browser = FakeBrowser()
-    sender = UpdateSender(browser.draw)
-    sender.tick(1.0)
-    sender.tick(2.0)
-    await turn()
-    await browser.times_out()
-    sender.tick(3.0)
-    await turn()
-    assert browser.sent == 3
+    assert browser.sent == UNDRAWN_UPDATES + 2
 
 
 @in_a_loop

@@ -26,20 +26,53 @@ TOKEN = "right-token"  # noqa: S105  (of the tests)
 SCOPE: Scope = {"type": "http", "method": "GET", "path": "/", "headers": [(b"accept-encoding", b"gzip")]}
 
 
+HERE, ELSEWHERE = {"host": "localhost:8421"}, {"host": "lab.example:8421"}
+WITH_COOKIE = {"cookie": f"{COOKIE}={TOKEN}"}
+Headers = dict[str, str]
+ACCEPTED: list[tuple[str | None, Headers]] = [
+    *(
+        (None, {"host": host, "origin": f"http://{host}"})
+        for host in ("127.0.0.1:8421", "localhost:8421", "[::1]:8421")
+    ),
+    *((None, {**HERE, "sec-fetch-site": site}) for site in ("same-origin", "none")),
+    (TOKEN, ELSEWHERE | WITH_COOKIE),
+]
+"""Token of the console, and headers."""
+REJECTED: list[tuple[str | None, str, Headers]] = [
+    # A page elsewhere may let its own name lead to 127.0.0.1; the browser then sends that name as the host.
+    *((None, "", headers) for headers in ({"host": "rebound.example:8421"}, {"host": "192.168.1.7:8421"}, {})),
+    *(
+        (token, "", {**HERE, "origin": origin} | WITH_COOKIE)
+        for token in (None, TOKEN)
+        for origin in ("http://elsewhere.example", "null", "http://localhost:80")
+    ),
+    # An image, a script or a link there is a GET without Origin; localhost with another port is the same site.
+    *(
+        (token, f"token={TOKEN}", {**HERE, "sec-fetch-site": site} | WITH_COOKIE)
+        for token in (None, TOKEN)
+        for site in ("cross-site", "same-site")
+    ),
+    *((TOKEN, "", {**ELSEWHERE, "cookie": cookie}) for cookie in ("", f"{COOKIE}=wrong", f"{COOKIE}=", f"a={TOKEN}")),
+    *((TOKEN, query, ELSEWHERE) for query in ("token=wrong", "token=", "tok=en", "token=%C3%BC")),
+]
+"""Token of the console, query and headers."""
+
+
 def _request(
-    token: str | None, kind: str = "http", query: str = "", path: str = "/", **headers: str
-) -> tuple[bool, list[dict[str, Any]]]:
-    """Whether the request has_passed through, and what was answered instead."""
-    let_in: list[str] = []
-    answers: list[dict[str, Any]] = []
+    token: str | None, kind: str, headers: Headers, query: str = "", path: str = "/"
+) -> tuple[bool, dict[str, Any]]:
+    """Whether the request has reached the page, and the start of the answer."""
+    reached: list[str] = []
+    answers: list[Any] = []
 
-    async def inner(scope: dict[str, Any], receive: Any, send: Any) -> None:
-        let_in.append(scope["type"])
+    async def page(scope: Scope, _receive: Receive, send: Send) -> None:
+        reached.append(scope["type"])
+        await send({"type": "http.response.start", "status": 200, "headers": [(b"content-type", b"text/html")]})
 
-    async def receive() -> dict[str, Any]:
+    async def receive() -> Message:
         return {"type": "http.request"}
 
-    async def send(message: dict[str, Any]) -> None:
+    async def send(message: Message) -> None:
         answers.append(message)
 
     scope = {
@@ -49,119 +82,59 @@ def _request(
         "query_string": query.encode(),
         "headers": [(name.encode(), value.encode("latin-1")) for name, value in headers.items()],
     }
-    asyncio.run(AccessMiddleware(inner, token)(scope, receive, send))
-    return bool(let_in), answers
+    asyncio.run(AccessMiddleware(page, token)(scope, receive, send))
+    return bool(reached), answers[0]
 
 
-@pytest.mark.parametrize("host", ["127.0.0.1:8421", "localhost:8421", "[::1]:8421"])
-@pytest.mark.parametrize("kind", ["http", "websocket"])
-def test_requests_of_this_machine_need_no_token(host: str, kind: str) -> None:
-    assert _request(None, kind, host=host, origin=f"http://{host}") == (True, [])
+def _headers(answer: dict[str, Any]) -> Headers:
+    return {name.decode(): value.decode() for name, value in answer["headers"]}
 
 
-@pytest.mark.parametrize("headers", [{"host": "rebound.example:8421"}, {"host": "192.168.1.7:8421"}, {}])
-def test_another_host_name_for_this_machine_is_rejected(headers: dict[str, str]) -> None:
-    """A page elsewhere may let its own name lead to 127.0.0.1; the browser then sends that name as the host."""
-    has_passed, answers = _request(None, **headers)
-    assert not has_passed
-    assert answers[0]["status"] == 403
-
-
-@pytest.mark.parametrize("token", [None, TOKEN])
-@pytest.mark.parametrize("origin", ["http://elsewhere.example", "null", "http://127.0.0.1:80"])
-def test_a_page_of_another_site_is_rejected_even_with_the_cookie(token: str | None, origin: str) -> None:
-    headers = {"host": "127.0.0.1:8421", "origin": origin, "cookie": f"{COOKIE}={TOKEN}"}
-    has_passed, answers = _request(token, **headers)
-    assert not has_passed
-    assert answers[0]["status"] == 403
-    assert _request(token, "websocket", **headers) == (False, [{"type": "websocket.close", "code": 1008}])
-
-
-@pytest.mark.parametrize("cookie", ["", f"{COOKIE}=wrong", f"{COOKIE}=", f"other={TOKEN}"])
-@pytest.mark.parametrize("kind", ["http", "websocket"])
-def test_requests_of_other_machines_need_the_token(cookie: str, kind: str) -> None:
-    has_passed, answers = _request(TOKEN, kind, host="lab.example:8421", cookie=cookie)
-    assert not has_passed
-    assert answers[0].get("status", answers[0].get("code")) in (403, 1008)
-
-
-def test_the_token_in_the_address_becomes_a_cookie_without_script_access() -> None:
-    has_passed, answers = _request(TOKEN, query=f"token={TOKEN}", host="lab.example:8421")
-    headers = {name.decode(): value.decode() for name, value in answers[0]["headers"]}
-    assert not has_passed
-    assert (answers[0]["status"], headers["location"]) == (307, "/")
-    assert headers["set-cookie"].startswith(f"{COOKIE}={TOKEN};")
-    assert "HttpOnly" in headers["set-cookie"]
-    assert "SameSite=strict" in headers["set-cookie"]
-
-
-@pytest.mark.parametrize("query", ["token=wrong", "token=", "tok=en", "token=%C3%BC"])
-def test_a_wrong_token_in_the_address_is_rejected(query: str) -> None:
-    has_passed, answers = _request(TOKEN, query=query, host="lab.example:8421")
-    assert not has_passed
-    assert answers[0]["status"] == 403
+def _assert_in_no_frame(answer: dict[str, Any]) -> None:
+    headers = _headers(answer)
+    assert headers["content-security-policy"] == "frame-ancestors 'none'"
+    assert headers["x-frame-options"] == "DENY" and "content-type" in headers
 
 
 @pytest.mark.parametrize("kind", ["http", "websocket"])
-def test_a_request_with_the_cookie_is_accepted(kind: str) -> None:
-    assert _request(TOKEN, kind, host="lab.example:8421", cookie=f"{COOKIE}={TOKEN}") == (True, [])
+@pytest.mark.parametrize(("token", "headers"), ACCEPTED)
+def test_requests_of_this_machine_and_those_with_the_cookie_are_accepted(
+    token: str | None, headers: Headers, kind: str
+) -> None:
+    is_accepted, answer = _request(token, kind, headers)
+    assert is_accepted and answer["status"] == 200
+    _assert_in_no_frame(answer)
 
 
-@pytest.mark.parametrize("token", [None, TOKEN])
-@pytest.mark.parametrize("site", ["cross-site", "same-site"])
 @pytest.mark.parametrize("kind", ["http", "websocket"])
-def test_a_page_of_another_site_without_an_origin_is_rejected(token: str | None, site: str, kind: str) -> None:
-    """An image, a script or a link there is a GET without Origin; localhost with another port is the same site."""
-    headers = {"host": "localhost:8421", "sec-fetch-site": site, "cookie": f"{COOKIE}={TOKEN}"}
-    has_passed, answers = _request(token, kind, f"token={TOKEN}", **headers)
-    assert not has_passed
-    assert answers[0].get("status", answers[0].get("code")) in (403, 1008)
+@pytest.mark.parametrize(("token", "query", "headers"), REJECTED)
+def test_requests_of_other_sites_and_those_without_the_token_are_rejected(
+    token: str | None, query: str, headers: Headers, kind: str
+) -> None:
+    is_accepted, answer = _request(token, kind, headers, query)
+    assert not is_accepted
+    if kind == "websocket":
+        assert answer == {"type": "websocket.close", "code": 1008}
+        return
+    assert answer["status"] == 403
+    _assert_in_no_frame(answer)
 
 
-@pytest.mark.parametrize("site", ["same-origin", "none"])
-def test_the_console_s_page_and_a_typed_address_are_accepted(site: str) -> None:
-    assert _request(None, host="localhost:8421", **{"sec-fetch-site": site})[0]
+def test_a_websocket_needs_the_cookie_and_the_lifespan_of_the_server_is_passed_on() -> None:
+    assert not _request(TOKEN, "websocket", ELSEWHERE, f"token={TOKEN}")[0]
+    assert _request(TOKEN, "lifespan", {})[0]
 
 
-@pytest.mark.parametrize(
-    "path", ["//elsewhere.example", "//elsewhere.example/report", "/\\elsewhere.example", "///e.example"]
-)
-def test_the_redirect_after_the_token_stays_on_this_host(path: str) -> None:
-    _, answers = _request(TOKEN, query=f"token={TOKEN}", path=path, host="lab.example:8421")
-    location = dict(answers[0]["headers"])[b"location"].decode()
+@pytest.mark.parametrize("path", ["/", "//e.example", "//e.example/report", "/\\e.example", "///e.example"])
+def test_the_token_in_the_address_becomes_a_cookie_without_script_access_on_this_host(path: str) -> None:
+    is_accepted, answer = _request(TOKEN, "http", ELSEWHERE, f"token={TOKEN}", path)
+    headers = _headers(answer)
+    location = headers["location"]
+    assert not is_accepted and answer["status"] == 307
     assert urljoin("http://lab.example:8421/", location).startswith("http://lab.example:8421/")
-    assert location[:2] not in ("//", "/\\")
-
-
-@pytest.mark.parametrize("headers", [{"host": "localhost:8421"}, {"host": "elsewhere.example"}])
-def test_no_page_shows_the_console_in_a_frame(headers: dict[str, str]) -> None:
-    async def page(_: dict[str, Any], __: Any, send: Any) -> None:
-        await send({"type": "http.response.start", "status": 200, "headers": [(b"content-type", b"text/html")]})
-
-    answers: list[dict[str, Any]] = []
-
-    async def send(message: dict[str, Any]) -> None:
-        answers.append(message)
-
-    scope = {
-        "type": "http",
-        "path": "/",
-        "query_string": b"",
-        "headers": [(k.encode(), v.encode()) for k, v in headers.items()],
-    }
-    asyncio.run(AccessMiddleware(page, None)(scope, None, send))
-    sent = dict(answers[0]["headers"])
-    assert sent[b"content-security-policy"] == b"frame-ancestors 'none'"
-    assert sent[b"x-frame-options"] == b"DENY"
-    assert b"content-type" in sent
-
-
-def test_a_websocket_needs_the_cookie() -> None:
-    assert not _request(TOKEN, "websocket", query=f"token={TOKEN}", host="lab.example:8421")[0]
-
-
-def test_the_lifespan_of_the_server_is_passed_on() -> None:
-    assert _request(TOKEN, "lifespan")[0]
+    assert location[:2] not in ("//", "/\\") and (path != "/" or location == "/")
+    assert headers["set-cookie"].startswith(f"{COOKIE}={TOKEN};")
+    assert "HttpOnly" in headers["set-cookie"] and "SameSite=strict" in headers["set-cookie"]
 
 
 def test_a_port_in_use_is_refused_before_a_device_is_opened() -> None:
