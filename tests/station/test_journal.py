@@ -45,27 +45,47 @@ from tests.timeout import scaled_timeout
 SETUP = Setup("P01", "ab", ("hand", "elbow"), 3)
 ENDED = Message(TrialCode.CAPTURE_ENDED)
 TRIAL = Recorded("a.mcap", "hand", "static", 1, "1", True, 0, str(ENDED), codes=(ENDED,))
+ELBOW = CuffSite("elbow", "arm", ("a", "b", "c"), ("d",))
 
 PUBLISHED = Path(__file__).parents[2] / "docs" / "schemas" / "session.schema.json"
-HOSTILE = (
-    '{"kind": "recorded", "at": "", "format": 1, "file": "a.mcap", "cuff": null, "test": "static", "repeat": 1, '
-    '"donning": "1", "accepted": true, "lost_samples": 0, "sentence": "", "codes": [{"code": "dream"}]}',
-    "[" * 100_000,
-    '{"a":' * 100_000,
-    '{"kind": "setup", "at": "", "format": 1, "subject": "P01", "operator": "a", "cuffs": "hand", "repeats": 3}',
-    '{"kind": "setup", "at": "", "format": 1, "subject": [], "operator": "a", "cuffs": ["hand"], "repeats": 3}',
-    '{"kind": "mark", "at": "", "format": 1, "file": "a.mcap", "number": ' + "7" * 400 + ', "name": ""}',
-    '{"kind": "mark", "at": "", "format": 1, "file": "a.mcap", "number": 1e999, "name": ""}',
-    '{"kind": "verdict", "at": "", "format": 1, "file": "a\\u0000.mcap", "choice": "accept", "reason": ""}',
-    '{"kind": "verdict", "at": "", "format": 1, "file": ["a.mcap"], "choice": "accept", "reason": ""}',
-    '{"kind": "verdict", "at": "", "format": 1, "file": "a.mcap", "choice": "accept", "reason": {}}',
-    '{"kind": "recorded", "at": "", "format": 1, "file": "a.mcap", "cuff": 1, "test": "static", "repeat": "x", '
-    '"donning": "1", "accepted": true, "lost_samples": 0, "sentence": ""}',
+
+
+def line_of(kind: str, **fields: object) -> str:
+    return json.dumps({"kind": kind, "at": "", "format": 1} | fields)
+
+
+VERDICT = {"file": "a.mcap", "choice": "accept", "reason": ""}
+PLAN = {"subject": "P01", "operator": "a", "cuffs": ["hand"], "repeats": 3}
+ENTRY = {"file": "a.mcap", "cuff": None, "test": "static", "repeat": 1, "donning": "1", "accepted": True}
+ENTRY |= {"lost_samples": 0, "sentence": ""}
+MARK = line_of("mark", file="a.mcap", number=1, name="")
+WRONG_LINES = (
+    *(
+        "{",
+        "[]",
+        "null",
+        '{"kind": "setup", "at": ""}',
+        '{"kind": "dream", "at": ""}',
+        "[" * 100_000,
+        '{"a":' * 100_000,
+    ),
+    line_of("donned", cuff="hand", format=2),
+    line_of("recorded", **ENTRY, codes=[{"code": "dream"}]),
+    line_of("recorded", **ENTRY | {"cuff": 1, "repeat": "x"}),
+    *(line_of("setup", **PLAN | wrong) for wrong in ({"cuffs": "hand"}, {"subject": []})),
+    *(MARK.replace('"number": 1', f'"number": {number}') for number in ("7" * 400, "1e999")),
+    *(line_of("verdict", **VERDICT | wrong) for wrong in ({"file": "a\0.mcap"}, {"file": ["a.mcap"]}, {"reason": {}})),
 )
+"""Lines that are whole and are still no entries of format 1."""
+RIGHT_LINES = (
+    *(line_of("donned", cuff="hand"), line_of("recorded", **ENTRY), line_of("setup", **PLAN)),
+    *(MARK, line_of("verdict", **VERDICT)),
+)
+"""Those that the wrong ones were made of."""
 """Lines that are whole and are still no entries."""
 
 
-def test_written_entries_are_read(tmp_path: Path) -> None:
+def test_written_entries_are_read_and_fit_the_published_schema(tmp_path: Path) -> None:
     assert read_journal(tmp_path) == Journal()
     write_setup(tmp_path, SETUP)
     write_recorded(tmp_path, TRIAL)
@@ -79,19 +99,11 @@ def test_written_entries_are_read(tmp_path: Path) -> None:
     assert journal.redone == {"a.mcap": "the cuff slipped"}
     assert journal.marks == {"a.mcap": {2: "coughed"}}
     assert journal.donnings == {"hand": 1}
-
-
-def test_every_line_that_is_written_fits_the_published_schema(tmp_path: Path) -> None:
-    write_setup(tmp_path, SETUP)
-    write_recorded(tmp_path, TRIAL)
-    write_verdict(tmp_path, "a.mcap", "redo", "the cuff slipped")
-    write_mark(tmp_path, "a.mcap", 1, "coughed")
-    write_donned(tmp_path, "hand")
     write_skipped(tmp_path, TrialSpec(None, "bounce", 1))
     write_next(tmp_path, TrialSpec(None, "bounce", 1))
     write_note(tmp_path, "a.mcap", "a warm day")
     write_undone(tmp_path, "a.mcap", donned_cuff="hand")
-    write_assigned(tmp_path, "a.mcap", Assignment(CuffSite("elbow", "arm", ("a",), ("d",)), "static", 1, "1"))
+    write_assigned(tmp_path, "a.mcap", Assignment(ELBOW, "static", 1, "1"))
     lines = [json.loads(line) for line in (tmp_path / JOURNAL_FILE).read_text().splitlines()]
     schema = json.loads(PUBLISHED.read_text())
     kinds = {kind: name.rpartition("/")[2] for kind, name in schema["discriminator"]["mapping"].items()}
@@ -122,7 +134,7 @@ def test_an_undone_decision_is_removed_with_its_donning(tmp_path: Path) -> None:
 
 def test_an_assigned_recording_is_of_the_other_trial(tmp_path: Path) -> None:
     write_recorded(tmp_path, TRIAL)
-    given = Assignment(CuffSite("elbow", "arm", ("a", "b", "c"), ("d",)), "dynamic", 2, "1")
+    given = Assignment(ELBOW, "dynamic", 2, "1")
     write_assigned(tmp_path, "a.mcap", given)
     journal = read_journal(tmp_path)
     assert journal.assignments == {"a.mcap": given}
@@ -134,8 +146,7 @@ def test_a_recording_that_two_processes_enter_is_one_trial_as_its_recorder_state
     adopted, other = replace(TRIAL, codes=(), sentence=""), replace(TRIAL, file="b.mcap", repeat=2)
     for trial in (adopted, other):
         write_recorded(tmp_path, trial)
-    elbow = CuffSite("elbow", "arm", ("a", "b", "c"), ("d",))
-    write_assigned(tmp_path, "a.mcap", Assignment(elbow, "static", 3, "1"))
+    write_assigned(tmp_path, "a.mcap", Assignment(ELBOW, "static", 3, "1"))
     write_recorded(tmp_path, TRIAL)
     assert read_journal(tmp_path).recorded == (replace(TRIAL, cuff="elbow", repeat=3), other)
 
@@ -218,25 +229,14 @@ def test_an_incomplete_line_is_ignored_and_not_joined_to_the_next(tmp_path: Path
         assert (journal.setup, set(journal.verdicts)) == (SETUP, {"a.mcap"})
 
 
-@pytest.mark.parametrize(
-    "line",
-    [
-        "{",
-        "[]",
-        '{"kind": "donned", "at": "", "format": 2, "cuff": "hand"}',
-        '{"kind": "setup", "at": ""}',
-        '{"kind": "dream", "at": ""}',
-        "null",
-        *HOSTILE,
-    ],
-)
+@pytest.mark.parametrize("line", WRONG_LINES, ids=lambda line: line[:60])
 def test_a_wrong_line_is_named(tmp_path: Path, line: str) -> None:
-    write_setup(tmp_path, SETUP)
     path = tmp_path / JOURNAL_FILE
-    path.write_bytes(path.read_bytes() + f"{line}\n".encode())
+    path.write_text("\n".join((*RIGHT_LINES, line, "")))
     with raises_refusal(JournalCode.WRONG_LINE, kind=JournalError) as caught:
         read_journal(tmp_path)
-    assert figures_of(caught.value) == {"path": str(path), "line": 2, "found": repr(line[:60])}
+    number = len(RIGHT_LINES) + 1
+    assert figures_of(caught.value) == {"path": str(path), "line": number, "found": repr(line[:60])}
 
 
 @pytest.mark.parametrize(("repeats", "is_plan"), [(0, False), (1, True), (1000, True), (1001, False)])
