@@ -182,22 +182,21 @@ def test_a_swing_that_begins_from_a_noisy_level_is_counted_at_its_own_pace() -> 
 
 
 @pytest.mark.parametrize(
-    ("points", "code"),
+    ("limits", "points", "alarm"),
     [
-        ([(0.0, 151.0)], AlarmCode.FORCE),
-        ([(0.0, 0.0), (0.1, 80.0)], AlarmCode.FORCE_RATE),
-        ([(0.0, 0.0), (0.1, 40.0), (0.2, 80.0)], None),
+        ((150.0, 500.0), [(0.0, 151.0)], AlarmCode.FORCE),
+        ((150.0, 500.0), [(0.0, 0.0), (0.1, 80.0)], AlarmCode.FORCE_RATE),
+        ((150.0, 500.0), [(0.0, 0.0), (0.1, 40.0), (0.2, 80.0)], None),
+        *(((600.0, 5e3, 490.0), [(0.0, force)], AlarmCode.OVERLOAD) for force in (500.0, -500.0)),
     ],
 )
-def test_a_force_beyond_a_limit_raises_an_alarm(points: list[tuple[float, float]], code: AlarmCode | None) -> None:
-    alarm = ForceLimits(150.0, 500.0).check(points)
-    assert (alarm and alarm.code) == code and (alarm is None or str(alarm).startswith("STOP: "))
-
-
-def test_beyond_the_load_cell_s_capacity_it_is_an_overload_in_either_direction() -> None:
-    for newtons in (500.0, -500.0):
-        alarm = ForceLimits(600.0, 5e3, 490.0).check([(0.0, newtons)])
-        assert alarm == Message(AlarmCode.OVERLOAD, {"force_n": newtons, "capacity_n": 490.0})
+def test_a_force_beyond_a_limit_or_the_load_cell_s_capacity_in_either_direction_raises_an_alarm(
+    limits: tuple[float, ...], points: list[tuple[float, float]], alarm: AlarmCode | None
+) -> None:
+    raised = ForceLimits(*limits).check(points)
+    assert (raised and raised.code) is alarm and (raised is None or str(raised).startswith("STOP: "))
+    if raised is not None and alarm is AlarmCode.OVERLOAD:
+        assert raised.figures == {"force_n": points[0][1], "capacity_n": 490.0}
 
 
 def test_the_force_ceiling_follows_a_small_load_cell() -> None:
@@ -234,7 +233,7 @@ def cues_at(
     return cues
 
 
-def test_a_pose_is_held_for_its_duration_of_recording() -> None:
+def test_a_pose_is_held_for_its_duration_of_recording_and_an_arm_that_moves_is_shown_as_moving() -> None:
     guide = wearer_guide(None, BODY, is_pose=True)
     armed = cues_at(guide, lambda _: 12.0, 2.0, is_recorded=False)
     assert {cue.left_s for cue in armed} == {None}
@@ -242,9 +241,6 @@ def test_a_pose_is_held_for_its_duration_of_recording() -> None:
     assert [cue.message.code for cue in (cues[10], cues[-1])] == [CueCode.HOLD_POSE, CueCode.POSE_DONE]
     assert cues[10].left_s == pytest.approx(5.0 - 1.075)
     assert cues[10].rest is RestState.STEADY and cues[-1].is_done
-
-
-def test_an_arm_that_moves_in_a_pose_is_shown_as_moving() -> None:
     cues = cues_at(wearer_guide(None, BODY, is_pose=True), lambda t: 12.0 + 5.0 * np.sin(6.0 * t), 3.0)
     assert cues[-1].rest is RestState.MOVING
 
@@ -373,24 +369,22 @@ def test_a_motion_with_fewer_cycles_than_planned_is_to_be_redone(judged: Callabl
     assert contraction.reasons == (), "a maximal contraction has no cycles"
 
 
-def test_a_marker_that_is_hidden_too_often_is_named(judged: Callable[..., Judgement]) -> None:
+def test_a_pose_with_a_marker_hidden_too_often_or_a_wearer_who_moves_is_to_be_redone(
+    judged: Callable[..., Judgement],
+) -> None:
     def hide(trial: WearerTrial) -> WearerTrial:
         markers = trial.markers.copy()
         markers[: len(markers) // 5, trial.labels.index("EpM")] = np.nan
         return replace(trial, markers=markers)
 
-    (reason,) = judged(POSE, hide).reasons
-    assert (reason.code, reason.figures["markers"]) == (ReasonCode.MARKERS_HIDDEN, "EpM")
-
-
-def test_a_pose_in_which_the_wearer_moves_is_to_be_redone(judged: Callable[..., Judgement]) -> None:
     def step_aside(trial: WearerTrial) -> WearerTrial:
         markers = trial.markers.copy()
         markers[len(markers) // 2 :, :, 0] += 0.2
         return replace(trial, markers=markers)
 
-    (reason,) = judged(POSE, step_aside).reasons
-    assert reason.code is ReasonCode.POSE_MOVES and reason.figures["range_mm"] == pytest.approx(200, abs=40)
+    (hidden,), (moved,) = judged(POSE, hide).reasons, judged(POSE, step_aside).reasons
+    assert (hidden.code, hidden.figures["markers"]) == (ReasonCode.MARKERS_HIDDEN, "EpM")
+    assert moved.code is ReasonCode.POSE_MOVES and moved.figures["range_mm"] == approx(200, abs=40)
 
 
 def test_emg_without_signal_or_clock_is_to_be_redone(judged: Callable[..., Judgement]) -> None:
@@ -401,11 +395,8 @@ def test_emg_without_signal_or_clock_is_to_be_redone(judged: Callable[..., Judge
         return replace(trial, emg=replace(trial.emg, values=values))
 
     (reason,) = judged(UNSUITED, unplug).reasons
-    assert (reason.code, reason.figures["channel"], reason.figures["finding"]) == (
-        ReasonCode.EMG_UNUSABLE,
-        "trapezius",
-        "flat",
-    )
+    found = reason.code, reason.figures["channel"], reason.figures["finding"]
+    assert found == (ReasonCode.EMG_UNUSABLE, "trapezius", "flat")
     (reason,) = judged(UNSUITED, lambda trial: replace(trial, emg=None)).reasons
     assert reason.code is ReasonCode.NO_EMG_CLOCK
 

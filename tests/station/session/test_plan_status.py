@@ -32,6 +32,7 @@ from station.session.plan_status import (
 SETUP = Setup("P01", "ab", ("hand", "elbow"), 2, has_bounce=False)
 ONE_CUFF = replace(SETUP, cuffs=("hand",))
 WEARER = replace(SETUP, cuffs=("hand",), repeats=1, conditions=("unsuited", "slack", "tight", "mvc"))
+AT_EASE, ON_SPRING = "wearer at ease, arm hanging", "on its spring under the load cell"
 ACCEPT, REDO = Decision("accept", ""), Decision("redo", "slipped")
 PACED = parse_config({"protocol": {"step_masses_kg": [1, 1], "hold_s": 7, "swing_s": 20, "pause_s": 60}}, "test")
 CUFF = {"anchor_markers": ["a", "b", "c"], "cuff_markers": ["d"]}
@@ -73,7 +74,7 @@ def session(tmp_path: Path):
             replace(SETUP, has_bounce=True),
             0,
             "bounce calibration",
-            "Hang the 2.5 kg calibration weight on its spring under the load cell",
+            f"Hang the 2.5 kg calibration weight {ON_SPRING}",
         ),
         (SETUP, 0, "hand, static, repeat 1", "Don the hand cuff, rope slack"),
         (ONE_CUFF, 0, "hand, static, repeat 1", "Don the hand cuff, rope slack"),
@@ -83,15 +84,10 @@ def session(tmp_path: Path):
         (SETUP, 4, "elbow, static, repeat 1", "Don the elbow cuff, rope slack"),
         (SETUP, 8, None, "The plan is complete"),
         (WEARER, 0, "pose", "Wearer without the suit, all markers on: stand upright, arm hanging"),
-        (WEARER, 1, "motion, without the suit", "Wearer without the suit, all markers on; wearer at ease, arm hanging"),
-        (
-            WEARER,
-            2,
-            "motion, maximal contraction",
-            "Fix the arm for a maximal voluntary contraction; wearer at ease, arm hanging",
-        ),
-        (WEARER, 5, "motion, suit, cord slack", "Don the suit, cord slack; wearer at ease, arm hanging"),
-        (WEARER, 6, "motion, suit, cord tight", "Tighten the cord of the suit; wearer at ease, arm hanging"),
+        (WEARER, 1, "motion, without the suit", f"Wearer without the suit, all markers on; {AT_EASE}"),
+        (WEARER, 2, "motion, maximal contraction", f"Fix the arm for a maximal voluntary contraction; {AT_EASE}"),
+        (WEARER, 5, "motion, suit, cord slack", f"Don the suit, cord slack; {AT_EASE}"),
+        (WEARER, 6, "motion, suit, cord tight", f"Tighten the cord of the suit; {AT_EASE}"),
     ],
 )
 def test_the_next_trial_and_its_preparation_follow_the_order_of_the_plan(
@@ -105,17 +101,12 @@ def test_the_next_trial_and_its_preparation_follow_the_order_of_the_plan(
     assert plan.is_new_cuff is prepared.endswith("rope slack") and plan.has_pause is prepared.startswith("Let ")
 
 
-def test_a_recording_waits_for_its_decision(session) -> None:
-    trial = recorded("hand", "static")
+def test_a_recording_waits_for_its_decision_and_a_redone_trial_is_next_until_it_is_accepted(session) -> None:
+    trial, again = recorded("hand", "static"), recorded("hand", "static", run=2)
     plan = session((trial, None))
-    assert plan.undecided == trial
-    assert plan.done == frozenset()
-
-
-def test_a_redone_trial_is_next_until_it_is_accepted(session) -> None:
-    first = (recorded("hand", "static"), REDO)
-    assert session(first).spec == session(first).trials[0]
-    assert session(first, (recorded("hand", "static", run=2), ACCEPT)).spec == session().trials[1]
+    assert (plan.undecided, plan.done) == (trial, frozenset())
+    assert session((trial, REDO)).spec == plan.trials[0]
+    assert session((trial, REDO), (again, ACCEPT)).spec == plan.trials[1]
 
 
 def test_the_recordings_kept_of_a_trial_are_accepted_and_not_redone() -> None:
@@ -127,11 +118,6 @@ def test_the_recordings_kept_of_a_trial_are_accepted_and_not_redone() -> None:
     assert kept_recordings(TrialSpec("hand", "static", 1, donning="1"), journal) == runs[1:3]
 
 
-def test_every_trial_of_the_plan_has_a_state(session) -> None:
-    plan = session((recorded("hand", "static"), ACCEPT), setup=ONE_CUFF, skipped=frozenset({session().trials[1]}))
-    assert [plan.trial_state(trial) for trial in plan.trials] == ["kept", "skipped", "next", "to come"]
-
-
 def test_a_skipped_trial_is_not_next_and_counts_as_skipped_until_it_is_recorded(session) -> None:
     first, second, *_ = session().trials
     skipped = frozenset({first, TrialSpec("forearm", "static", 1, donning="1")})
@@ -139,6 +125,8 @@ def test_a_skipped_trial_is_not_next_and_counts_as_skipped_until_it_is_recorded(
     assert (plan.skipped, plan.spec) == ({first}, second)
     plan = session((recorded("hand", "static"), ACCEPT), skipped=skipped)
     assert (plan.skipped, plan.done) == (frozenset(), {first})
+    plan = session((recorded("hand", "static"), ACCEPT), setup=ONE_CUFF, skipped=frozenset({second}))
+    assert [plan.trial_state(trial) for trial in plan.trials] == ["kept", "skipped", "next", "to come"]
 
 
 def test_a_chosen_trial_is_next_before_those_chosen_earlier(session) -> None:
@@ -169,18 +157,20 @@ def test_the_time_left_is_that_of_the_protocol(session) -> None:
     assert minutes_left(session(*done, setup=ONE_CUFF), journal, PACED) == round((5 * 12 + 20 + 60 + 40) / 60)
 
 
-def test_the_time_left_of_a_wearer_counts_the_pose_and_the_cycles(session) -> None:
-    """A pose of 5 s and two motions of 30 cycles of 4 s, 20 s for the decision on each; no cuff is donned."""
-    setup = replace(WEARER, cuffs=(), conditions=("unsuited", "slack"))
-    assert minutes_left(session(setup=setup), Journal(setup), WITH_BODY) == round((5 + 2 * 30 * 4 + 3 * 20) / 60)
-
-
-def test_the_time_left_of_a_dynamic_trial_is_that_of_its_swing_also_if_motions_are_configured(session) -> None:
-    last = accepted(replace(ONE_CUFF, repeats=1), 1)
-    journal = Journal(ONE_CUFF, recorded=tuple(trial for trial, _ in last))
-    assert minutes_left(session(*last, setup=replace(ONE_CUFF, repeats=1)), journal, WITH_BODY) == 1, (
-        "20 s, decision 20 s"
-    )
+@pytest.mark.parametrize(
+    ("setup", "done", "seconds"),
+    [
+        (replace(WEARER, cuffs=(), conditions=("unsuited", "slack")), 0, 5 + 2 * 30 * 4 + 3 * 20),
+        (replace(SETUP, cuffs=("hand",), repeats=1), 1, 20 + 20),  # though motions are configured
+    ],
+    ids=["a pose and two motions, a decision on each", "a swing and its decision"],
+)
+def test_the_time_left_counts_the_pose_and_the_cycles_of_motions_alone(
+    session, setup: Setup, done: int, seconds: float
+) -> None:
+    made = accepted(setup, done)
+    journal = Journal(setup, tuple(trial for trial, _ in made))
+    assert minutes_left(session(*made, setup=setup), journal, WITH_BODY) == round(seconds / 60)
 
 
 @pytest.mark.parametrize(("slower", "minutes"), [(1.0, 30), (2.0, 55), (0.5, 17), (100.0, 30)])
@@ -238,36 +228,29 @@ def test_only_a_redo_of_the_first_static_trial_of_a_donning_loses_migration() ->
     assert not redo_loses_migration(recorded("hand", "static", run=2), journal), "lost already"
 
 
+STATIC, SECOND = recorded("hand", "static"), recorded("hand", "static", donning="2")
+
+
 @pytest.mark.parametrize(
-    ("decision", "donnings", "trial", "later", "is_donned"),
+    ("decision", "donnings", "trials", "is_donned"),
     [
-        (REDO, 1, recorded("hand", "static"), None, True),
-        (REDO, 2, recorded("hand", "static", donning="2"), recorded("hand", "static"), True),
-        (REDO, 1, recorded("hand", "static"), recorded("elbow", "static", donning="2"), True),
-        (REDO, 1, recorded("hand", "static"), recorded("hand", "static", donning="2"), False),
-        (REDO, 0, recorded("hand", "static"), None, False),
-        (REDO, 2, recorded("hand", "static"), None, False),
-        (ACCEPT, 1, recorded("hand", "static"), None, False),
-        (REDO, 1, recorded(None, "bounce"), None, False),
-    ],
-    ids=[
-        "donned anew",
-        "donned anew twice",
-        "another cuff recorded since",
-        "recorded since",
-        "not donned anew",
-        "donned anew later",
-        "accepted",
-        "no cuff",
+        pytest.param(REDO, 1, (STATIC,), True, id="donned anew"),
+        pytest.param(REDO, 2, (SECOND, STATIC), True, id="donned anew twice"),
+        pytest.param(REDO, 1, (STATIC, recorded("elbow", "static", donning="2")), True, id="another cuff since"),
+        pytest.param(REDO, 1, (STATIC, SECOND), False, id="recorded since"),
+        pytest.param(REDO, 0, (STATIC,), False, id="not donned anew"),
+        pytest.param(REDO, 2, (STATIC,), False, id="donned anew later"),
+        pytest.param(ACCEPT, 1, (STATIC,), False, id="accepted"),
+        pytest.param(REDO, 1, (recorded(None, "bounce"),), False, id="no cuff"),
     ],
 )
 def test_a_cuff_is_donned_without_a_trial_from_its_redo_to_its_next_recording(
-    decision: Decision, donnings: int, trial: Recorded, later: Recorded | None, is_donned: bool
+    decision: Decision, donnings: int, trials: tuple[Recorded, ...], is_donned: bool
 ) -> None:
     """An undo of the redo then undoes the donning, too; else later trials would be filed under another donning."""
-    trials = (trial,) if later is None else (trial, later)
-    journal = Journal(SETUP, trials, {trial.file: decision}, donnings={"hand": donnings} if donnings else {})
-    assert is_donned_without_trial(trial, journal) is is_donned
+    donned = {"hand": donnings} if donnings else {}
+    journal = Journal(SETUP, trials, {trials[0].file: decision}, donnings=donned)
+    assert is_donned_without_trial(trials[0], journal) is is_donned
 
 
 # Names of people are recognised, so that a session is filed under a code; faults of a plan are found.

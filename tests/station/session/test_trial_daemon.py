@@ -13,11 +13,12 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import suppress
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from itertools import pairwise
 from multiprocessing import connection
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
+from unittest.mock import MagicMock
 
 import numpy as np
 import pytest
@@ -318,16 +319,15 @@ def test_the_step_at_which_a_trial_ended_is_its_cause(
     assert unfinished_step("static", MeasurementProtocol(), [(0.0, 1.0)]) is None, "no weights are planned"
 
 
+def played(*messages: dict[str, Any]) -> TrialProcess:
+    """A recorder that has already sent everything."""
+    child = MagicMock(Child)
+    child.__iter__.return_value = iter(messages)
+    child.ensure_ended.return_value = 0
+    return TrialProcess(child)
+
+
 def test_a_page_is_served_while_telemetry_arrives_faster_than_it_is_shown() -> None:
-    class Flooding:
-        """A recorder that has already sent everything."""
-
-        def __iter__(self) -> Iterator[dict[str, Any]]:
-            return iter([{"state": "recording"}] * 200)
-
-        def ensure_ended(self, _: float) -> int:
-            return 0
-
     async def served_meanwhile() -> list[int]:
         served, shown = 0, []
 
@@ -338,7 +338,7 @@ def test_a_page_is_served_while_telemetry_arrives_faster_than_it_is_shown() -> N
                 await asyncio.sleep(0)
 
         page = asyncio.create_task(serve())
-        await TrialProcess(cast(Child, Flooding())).follow(lambda _: shown.append(served))
+        await played(*[{"state": "recording"}] * 200).follow(lambda _: shown.append(served))
         page.cancel()
         return shown
 
@@ -358,15 +358,8 @@ RESULT = asdict(
 def test_a_message_of_the_recorder_that_cannot_be_read_is_reported_and_the_trial_followed_to_its_end(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, result: dict[str, Any], message: str
 ) -> None:
-    class Scripted:
-        def __iter__(self) -> Iterator[dict[str, Any]]:
-            return iter([{"state": "armed"}, {"state": 5}, {"state": "recording", "force": "x"}, {"result": result}])
-
-        def ensure_ended(self, _: float) -> int:
-            return 0
-
     async def start(*_: object) -> TrialProcess:
-        return TrialProcess(cast(Child, Scripted()))
+        return played({"state": "armed"}, {"state": 5}, {"state": "recording", "force": "x"}, {"result": result})
 
     monkeypatch.setattr(TrialProcess, "start", start)
     controller = SessionController(with_folder(load_config(write_config(tmp_path)), tmp_path / "sessions"))
@@ -408,25 +401,22 @@ def moved(frames: int, displacement_mm: float, rope: bool = True) -> np.ndarray:
     return points
 
 
-def test_displacement_is_along_the_rope_while_the_body_moves() -> None:
-    live = LiveDisplacement(CUFF, LABELS)
-    assert live.update(moved(30, 0.0))[-1] == pytest.approx(0.0, abs=0.1)
-    assert live.update(moved(5, 7.5)) == pytest.approx(7.5, abs=0.1)
+@pytest.mark.parametrize("rope", [CUFF.rope_markers, ()], ids=["rope markers", "the largest direction"])
+def test_displacement_is_along_the_rope_while_the_body_moves(rope: tuple[str, ...]) -> None:
+    live = LiveDisplacement(replace(CUFF, rope_markers=rope), LABELS)
+    for frames, displacement_mm in ((30, 0.0), (5, 7.5), (5, -2.0)):
+        last = live.update(moved(frames, displacement_mm))[-5:]
+        assert last == pytest.approx(displacement_mm, abs=0.1), "the direction keeps its sign"
 
 
-def test_without_rope_markers_displacement_is_along_its_largest_direction() -> None:
-    live = LiveDisplacement(CuffSite("hand", "arm", ANCHOR, ("cuff_1",)), LABELS)
-    live.update(moved(30, 0.0))
-    assert live.update(moved(5, 7.5)) == pytest.approx(7.5, abs=0.1)
-    assert live.update(moved(5, -2.0)) == pytest.approx(-2.0, abs=0.1), "the direction keeps its sign"
-
-
-def test_a_hidden_cuff_has_no_displacement() -> None:
+def test_a_hidden_cuff_and_an_anchor_of_two_markers_have_no_displacement() -> None:
     live = LiveDisplacement(CUFF, LABELS)
     live.update(moved(30, 0.0))
     hidden = moved(4, 3.0)
     hidden[1:3, 3] = np.nan
     assert np.isnan(live.update(hidden)).tolist() == [False, True, True, False]
+    of_two = LiveDisplacement(CuffSite("hand", "arm", ANCHOR[:2], ("cuff_1",)), LABELS)
+    assert np.isnan(of_two.update(moved(40, 0.0))).all()
 
 
 def test_a_bouncing_weight_is_displaced_in_the_laboratory() -> None:
@@ -435,11 +425,6 @@ def test_a_bouncing_weight_is_displaced_in_the_laboratory() -> None:
     frames[:, 0] = np.nan
     frames[:, 1, 2] = 900.0 + np.concatenate([np.zeros(30), 40.0 * np.sin(np.linspace(0, 6 * np.pi, 30))])
     assert live.update(frames)[30:] == pytest.approx(frames[30:, 1, 2] - 900.0, abs=1e-6)
-
-
-def test_an_anchor_of_two_markers_gives_no_displacement() -> None:
-    live = LiveDisplacement(CuffSite("hand", "arm", ANCHOR[:2], ("cuff_1",)), LABELS)
-    assert np.isnan(live.update(moved(40, 0.0))).all()
 
 
 class TelemetryByHand:
@@ -472,22 +457,30 @@ def markers(start_s: float, values: np.ndarray) -> Samples:
     return Samples("/markers", numbers, times, int(times[-1]) + 5_000_000, with_residual)
 
 
-def test_a_line_has_state_force_in_newtons_and_lost_samples(tmp_path: Path) -> None:
+def test_a_line_has_state_force_in_newtons_lost_samples_and_events_as_text(tmp_path: Path) -> None:
     before = time.time()
-    telemetry = TelemetryByHand(tmp_path).line(force(0.0, 0.1, -0.25))
+    events = Event("capture_started", "capture started", 0, "QTM"), Loss("/force", "overrun", 5, 40, 0, 0)
+    telemetry = TelemetryByHand(tmp_path).line(force(0.0, 0.1, -0.25), *events)
     assert before <= telemetry["at"] <= time.time()
     values = [telemetry[key] for key in ("state", "sync_v", "lost_samples", "marks")]
     assert values == ["recording", 4.9, 2, 1]
     assert 3 <= len(telemetry["force"]) <= 6, "a curve for the eye, not a kilohertz"
     assert {newtons for _, newtons in telemetry["force"]} == {25.0}
+    assert telemetry["events"] == ["capture started", "lost 40 samples of /force: overrun"]
 
 
-def test_rates_are_in_station_time_with_their_nominal_rate(tmp_path: Path) -> None:
+def test_rates_are_in_station_time_and_the_disk_lasts_for_its_free_space_over_the_measured_rate(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("station.session.trial_daemon.bytes_free", lambda folder: 210_000_000)
     view = TelemetryByHand(tmp_path)
-    for block in range(10):
+    assert view.line()["disk_left_s"] is None
+    for block in range(30):
         telemetry = view.line(force(0.1 * block, 0.1, 0.0))
-    assert telemetry["streams"]["/force"]["rate_hz"] == pytest.approx(1000, rel=0.02)
-    assert telemetry["streams"]["/force"]["nominal_hz"] == 1000
+        if block == 9:
+            assert telemetry["streams"]["/force"]["rate_hz"] == pytest.approx(1000, rel=0.02)
+            assert telemetry["streams"]["/force"]["nominal_hz"] == 1000
+    assert telemetry["disk_left_s"] == pytest.approx((210e6 - 50e6) / 16e3, rel=0.05), "16 bytes a sample, a kilohertz"
 
 
 def test_a_hidden_marker_is_named_and_leaves_no_point(tmp_path: Path) -> None:
@@ -499,24 +492,6 @@ def test_a_hidden_marker_is_named_and_leaves_no_point(tmp_path: Path) -> None:
     assert [name for name, is_seen in telemetry["seen"].items() if not is_seen] == ["cuff_1"]
     assert telemetry["points"][3] is None and telemetry["points"][4] == pytest.approx(hidden[-1, 4], abs=0.06)
     assert telemetry["displacement"] == []
-
-
-def test_events_of_the_devices_are_in_the_telemetry_as_text(tmp_path: Path) -> None:
-    telemetry = TelemetryByHand(tmp_path).line(
-        Event("capture_started", "capture started", 0, "QTM"), Loss("/force", "overrun", 5, 40, 0, 0)
-    )
-    assert telemetry["events"] == ["capture started", "lost 40 samples of /force: overrun"]
-
-
-def test_the_remaining_time_of_the_disk_is_free_space_over_the_measured_rate(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("station.session.trial_daemon.bytes_free", lambda folder: 210_000_000)
-    view = TelemetryByHand(tmp_path)
-    assert view.line()["disk_left_s"] is None
-    for block in range(30):
-        telemetry = view.line(force(0.1 * block, 0.1, 0.0))
-    assert telemetry["disk_left_s"] == pytest.approx((210e6 - 50e6) / 16e3, rel=0.05), "16 bytes a sample, a kilohertz"
 
 
 def test_a_closed_console_is_not_an_error(tmp_path: Path) -> None:
@@ -551,11 +526,8 @@ def test_the_curves_begin_at_the_sync_edge(tmp_path: Path) -> None:
     live = LiveTrial(TrialSpec("hand", "static", 1), StaticGuide((), 1.0))
     live.latest = TrialTelemetry.model_validate(telemetry)
     at_edge_s = telemetry["edge_s"]
-    assert live.from_edge([(at_edge_s - 0.5, 1.0), (at_edge_s, 2.0), (at_edge_s + 1.5, 3.0)]) == [
-        (-0.5, 1.0),
-        (0.0, 2.0),
-        (1.5, 3.0),
-    ]
+    after_s = (-0.5, 0.0, 1.5)
+    assert live.from_edge([(at_edge_s + t, 1.0) for t in after_s]) == [(t, 1.0) for t in after_s]
     assert at_edge_s == pytest.approx(-0.749), "a quarter of a second into a block whose last sample came at time 0"
     live.latest = TrialTelemetry.model_validate({**telemetry, "edge_s": None})
     assert live.from_edge([(7.0, 1.0), (9.0, 2.0)]) == [(-2.0, 1.0), (0.0, 2.0)]
