@@ -18,7 +18,7 @@ CONTROL_EVENTS = {"SIGINT": 0, "SIGBREAK": 1}  # of Windows' header consoleapi.h
 PROCESS_ALL_ACCESS = 0x1F_FFFF
 
 
-def end_process(child: subprocess.Popen[bytes]) -> None:
+def end_process(child: subprocess.Popen[Any]) -> None:
     """Kill it if it still runs, and close its pipes."""
     if child.poll() is None:
         child.kill()

@@ -11,7 +11,6 @@ import signal
 import subprocess
 import sys
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -34,6 +33,7 @@ from station.study.study_document import read_normative
 from station.subject.subject_file import SUBJECT_FILE, read_subject
 from station.sweep.sweep_plan import read_plan
 from tests.recordings.bombs import BOMBS
+from tests.station.child_process import end_process
 from tests.station.command import Ran, assert_one_sentence, assert_refused
 
 Station = Callable[..., Ran]
@@ -83,21 +83,18 @@ def last_sentence(ran: Ran) -> str:
         '{"cuffs": ' + '{"a":' * 100_000 + "1" + "}" * 100_001,
         f'{{"cuffs": {{"hand": {{"stiffness_n_per_m": {LONG}}}}}}}',
         f'{{"cuffs": {{"hand": {{"stiffness_n_per_m": {LONG * 20}}}}}}}',
-        '{"cuffs": {"hand": {"stiffness_n_per_m": {"value": 1, "parts": [1]}}}}',
-        '{"cuffs": {"hand": {"stiffness_n_per_m": {"value": 1, "parts": {"noise": "much"}}}}}',
-        '{"cuffs": {"hand": {"stiffness_n_per_m": {"value": 1, "cramer_rao_bound": []}}}}',
-        '{"cuffs": {"hand": {"notes": 5}}}',
-        '{"cuffs": {"hand": {"notes": [5]}}}',
-        '{"cuffs": {"hand": {"sources": [1]}}}',
-        '{"cuffs": {"hand": {"sources": {"a.mcap": 1}}}}',
-        '{"cuffs": {"hand": {"not_identified": [1]}}}',
-        '{"cuffs": {"hand": {"diagnostics": "none"}}}',
-        '{"cuffs": {"hand": {"verdict": {}}}}',
-        '{"cuffs": {"../hand": {}}}',
-        '{"cuffs": {"ha\\u0000nd": {}}}',
-        '{"cuffs": [1]}',
-        '{"cuffs": 3}',
-        '{"cuffs": {"hand": {"stiffness_n_per_m": "soft"}}}',
+        *(
+            f'{{"cuffs": {{"hand": {{{wrong}}}}}}}'
+            for wrong in (
+                '"stiffness_n_per_m": {"value": 1, "parts": [1]}',
+                '"stiffness_n_per_m": {"value": 1, "parts": {"noise": "much"}}',
+                '"stiffness_n_per_m": {"value": 1, "cramer_rao_bound": []}',
+                '"stiffness_n_per_m": "soft"',
+                *('"notes": 5', '"notes": [5]', '"sources": [1]', '"sources": {"a.mcap": 1}'),
+                *('"not_identified": [1]', '"diagnostics": "none"', '"verdict": {}'),
+            )
+        ),
+        *(f'{{"cuffs": {wrong}}}' for wrong in ('{"../hand": {}}', '{"ha\\u0000nd": {}}', "[1]", "3")),
         "",
         "[]",
     ],
@@ -157,8 +154,7 @@ def test_a_hostile_protocol_is_refused_with_its_name(station: Station, tmp_path:
     (tmp_path / "protocol.toml").write_text(DEEP_TOML, encoding="utf-8")
     (tmp_path / "a.mcap").write_bytes(b"x")
     ran = station("fit", tmp_path)
-    assert ran.code == 1
-    assert "protocol.toml" in last_sentence(ran)
+    assert ran.code == 1 and "protocol.toml" in last_sentence(ran)
 
 
 @pytest.mark.parametrize(
@@ -206,8 +202,7 @@ def test_external_loads_of_a_device_or_a_pipe_are_refused(tmp_path: Path, data: 
 def test_a_pipe_is_not_read_as_a_recording(station: Station, tmp_path: Path, verb: str) -> None:
     os.mkfifo(tmp_path / "a.mcap")
     ran = station(verb, tmp_path / "a.mcap")
-    assert (ran.code, ran.out) == (1, "")
-    assert "a.mcap" in last_sentence(ran)
+    assert (ran.code, ran.out) == (1, "") and "a.mcap" in last_sentence(ran)
 
 
 def test_a_deeply_nested_model_is_refused(station: Station, tmp_path: Path) -> None:
@@ -231,17 +226,9 @@ def _assessment() -> dict[str, Any]:
         "optimum": {"rigid": optimum, "hand": {"both": optimum}},
         "cost": {"rigid": {"value": [1.0, 0.9]}, "hand": {"both": {"value": [1.0, None]}}},
         "muscle_reduction": {"rigid": {"DELT": known}, "hand": {"both": {"DELT": known}}},
-        **dict.fromkeys(
-            (
-                "at_rigid_optimum",
-                "optimum_to_slack_m",
-                "largest_cord_force_n",
-                "cord_force_lost_to_migration",
-                "cost_per_arm_migration_per_m",
-                "cost_per_waist_migration_per_m",
-            ),
-            by_cuff,
-        ),
+        **dict.fromkeys(("at_rigid_optimum", "optimum_to_slack_m", "largest_cord_force_n"), by_cuff),
+        **dict.fromkeys((f"cost_per_{end}_migration_per_m" for end in ("arm", "waist")), by_cuff),
+        "cord_force_lost_to_migration": by_cuff,
         "inputs": {"model": "bundled", "motion": "m", "suit": "s", "cuffs": "c"},
         "findings": ["the suit helps"],
         "emg": [],
@@ -264,11 +251,9 @@ def test_the_smallest_assessment_is_reported(station: Station, tmp_path: Path) -
     ],
 )
 def test_an_incomplete_assessment_is_refused(tmp_path: Path, key: str, wrong: Any) -> None:
-    plain = _assessment()
+    plain = _assessment() | {key: wrong}
     if wrong == "missing":
         del plain[key]
-    else:
-        plain[key] = wrong
     path = tmp_path / "assessment.json"
     path.write_text(json.dumps(plain), encoding="utf-8")
     with pytest.raises(AssessmentFileError) as caught:
@@ -280,12 +265,8 @@ def test_an_incomplete_assessment_is_refused(tmp_path: Path, key: str, wrong: An
 @pytest.mark.parametrize(
     ("text", "code"),
     [
-        ("[]", AssessmentFileCode.NOT_AN_OBJECT),
-        ("5", AssessmentFileCode.NOT_AN_OBJECT),
-        ('"x"', AssessmentFileCode.NOT_AN_OBJECT),
-        ("{", AssessmentFileCode.NOT_JSON),
-        (DEEP_JSON, AssessmentFileCode.NOT_JSON),
-        (f'{{"frames": {LONG}}}', AssessmentFileCode.NOT_JSON),
+        *((text, AssessmentFileCode.NOT_AN_OBJECT) for text in ("[]", "5", '"x"')),
+        *((text, AssessmentFileCode.NOT_JSON) for text in ("{", DEEP_JSON, f'{{"frames": {LONG}}}')),
         ('{"cost": {}}', AssessmentFileCode.INVALID_ENTRY),
     ],
 )
@@ -325,67 +306,43 @@ def test_the_content_before_a_bomb_is_shown(sessions: dict[str, Path], name: str
     assert ran.out or "1000000 samples" in ran.err
 
 
-@dataclass(frozen=True)
-class Cost:
-    """Cost of one run: processor time of all threads, and the largest resident set."""
-
-    processor_s: float
-    memory: int
-
-
-def run_bounded(*words: object, folder: Path) -> tuple[Ran, Cost]:
-    """Run `station` with these arguments. It is killed at the limit of processor time, and allocations beyond the limit
-    of the address space fail; the time-out of the test ends a run that waits.
+def run_bounded(*words: object, folder: Path) -> tuple[Ran, int]:
+    """Run `station` with these arguments; the memory of its largest resident set [bytes]. It is killed at the limit of
+    processor time, and allocations beyond the limit of the address space fail; the time-out of the test ends a run that
+    waits.
     """
     if not hasattr(os, "fork"):
         pytest.skip("the limits are those of POSIX: fork and setrlimit")
     (folder / "memory").unlink(missing_ok=True)
     limits = {"processor_s": MOST_PROCESSOR_S, "address_space": 8 * MOST_MEMORY}  # so that the machine survives
+    server = _server()
+    assert server.stdin is not None and server.stdout is not None
     try:
-        answer = _server().request({"words": list(map(str, words)), "folder": str(folder), **limits})
+        server.stdin.write(json.dumps({"words": list(map(str, words)), "folder": str(folder), **limits}) + "\n")
+        server.stdin.flush()
+        answer = json.loads(server.stdout.readline())
     except BaseException:  # a time-out: the next test must not read this one's answer
-        _server().close()
+        end_process(server)
         _server.cache_clear()
         raise
     texts = [(folder / name).read_text(encoding="utf-8", errors="replace") for name in ("out", "err")]
-    return Ran(os.waitstatus_to_exitcode(answer["status"]), *texts), Cost(answer["processor_s"], answer["memory"])
-
-
-class _Server:
-    """The process that forks one for each run; it ends with its standard input."""
-
-    def __init__(self) -> None:
-        self._child = subprocess.Popen(
-            [sys.executable, "-m", "tests.station.hostile.limited"],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            text=True,
-            cwd=ROOT,
-        )
-        atexit.register(self.close)
-
-    def request(self, plain: dict[str, Any]) -> dict[str, Any]:
-        assert self._child.stdin is not None and self._child.stdout is not None
-        self._child.stdin.write(json.dumps(plain) + "\n")
-        self._child.stdin.flush()
-        answer: dict[str, Any] = json.loads(self._child.stdout.readline())
-        return answer
-
-    def close(self) -> None:
-        with self._child:
-            self._child.kill()
+    return Ran(os.waitstatus_to_exitcode(answer["status"]), *texts), answer["memory"]
 
 
 @cache
-def _server() -> _Server:
-    return _Server()
+def _server() -> subprocess.Popen[str]:
+    """The process that forks one for each run; it ends with its standard input."""
+    command, pipe = [sys.executable, "-m", "tests.station.hostile.limited"], subprocess.PIPE
+    server = subprocess.Popen(command, stdin=pipe, stdout=pipe, text=True, cwd=ROOT)  # noqa: S603
+    atexit.register(end_process, server)
+    return server
 
 
 def assert_ends_within_limits(*words: object, folder: Path, codes: tuple[int, ...] = (1, 2, 3)) -> Ran:
     """The verb ends by itself within the limits, with one of these codes and no traceback."""
-    ran, cost = run_bounded(*words, folder=folder)
+    ran, memory = run_bounded(*words, folder=folder)
     assert ran.code != -signal.SIGXCPU, f"{words[0]} took more than {MOST_PROCESSOR_S} s of the processor"
     assert "Traceback" not in ran.err, ran.err[-2000:]
     assert ran.code in codes, (ran.code, ran.err[-500:])
-    assert cost.memory < MOST_MEMORY, f"{words[0]} took {cost.memory / 1e6:.0f} MB"
+    assert memory < MOST_MEMORY, f"{words[0]} took {memory / 1e6:.0f} MB"
     return ran
