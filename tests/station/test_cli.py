@@ -6,6 +6,7 @@ import subprocess
 import sys
 from enum import StrEnum
 from pathlib import Path
+from unittest.mock import Mock
 
 import pytest
 from mcap.writer import Writer
@@ -219,16 +220,11 @@ def test_the_fit_lists_a_rejected_recording_with_the_reason_and_needs_another_on
     assert "the wearer coughed" not in station("fit", tmp_path).err
 
 
-@pytest.mark.parametrize("name", ["none.mcap", "report.html"])
-def test_only_an_existing_recording_is_judged(station, tmp_path: Path, name: str) -> None:
-    (tmp_path / "report.html").touch()
-    ran = station("judge", tmp_path / name)
-    assert ran.code == 2
-    assert not (tmp_path / "session.jsonl").exists()
-
-
-def test_a_file_that_is_not_a_recording_is_rejected_and_not_accepted(station, tmp_path: Path) -> None:
+def test_only_an_existing_recording_is_judged_and_a_file_that_is_none_rejected_alone(station, tmp_path: Path) -> None:
     """Rejecting it is the decision that a session waits for, which has found the file in its folder."""
+    (tmp_path / "report.html").touch()
+    for name in ("none.mcap", "report.html"):
+        assert station("judge", tmp_path / name).code == 2
     empty = tmp_path / "empty.mcap"
     empty.touch()
     assert_one_sentence(station("judge", empty), 1, RecordingCode.EMPTY)
@@ -257,19 +253,12 @@ def test_the_error_of_a_file_that_cannot_be_written_names_it_and_not_its_draft(s
     assert not list(tmp_path.glob(".draft*"))
 
 
-class _CtrlC:
-    """An importer during which the user presses Ctrl-C."""
-
-    def find_spec(self, name: str, *_: object) -> None:
-        if name == "station.cli":
-            raise KeyboardInterrupt
-
-
 def test_ctrl_c_while_the_verbs_are_imported_is_code_130_and_one_sentence(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.delitem(sys.modules, "station.cli")
-    monkeypatch.setattr(sys, "meta_path", [_CtrlC(), *sys.meta_path])
+    interrupted = Mock(find_spec=Mock(side_effect=KeyboardInterrupt))  # an importer, as the user presses Ctrl-C
+    monkeypatch.setattr(sys, "meta_path", [interrupted, *sys.meta_path])
     with pytest.raises(SystemExit) as ended:
         __main__.main()
     assert ended.value.code == 130

@@ -15,7 +15,6 @@ from station.protocol import TrialSpec, published_plan
 from tests.refusals import raises_refusal
 
 HAND = {"anchor_markers": ["a", "b", "c"], "cuff_markers": ["d"]}
-WRONG, UNKNOWN = ConfigCode.WRONG_VALUE, ConfigCode.UNKNOWN_KEY
 BODIES = ["left_arm", "right_arm", "left_forearm", "right_forearm", "torso", "pelvis"]
 
 
@@ -93,14 +92,18 @@ def test_emg_is_recorded_with_the_gains_of_its_amplifier() -> None:
         ({"analog": {"a": {"input": "ai2"}}, "daq": {"sample_rate_hz": 4000}}, "at most 3333"),
         ({"cuffs": {"hand": {**HAND, "anchor_markers": ["shoulder", "elbow"]}}}, "2 marker(s), expected at least 3"),
         ({"cuffs": {"hand": {"anchor_markers": ["a", "b", "c"], "cuff_markers": []}}}, "cuffs.hand.cuff_markers"),
+        (
+            {"cuffs": {"hand": {"anchor_preset": "sports"}}},
+            "'sports' is not a preset, expected one of qualisys_sports.l",
+        ),
+        ({"cuffs": {"hand": {"anchor_preset": "qualisys_sports.markers"}}}, "is not a preset"),
+        ({"cuffs": {"hand": {"anchor_preset": "qualisys_sports.torso", **HAND}}}, "are both given"),
     ],
 )
 def test_a_wrong_value_is_refused_with_the_reason(data: dict[str, object], words: str) -> None:
-    with raises_refusal(ConfigCode.WRONG_VALUE, kind=ConfigError) as caught:
+    with raises_refusal(ConfigCode.WRONG_VALUE, words, kind=ConfigError) as caught:
         parse_config(data, "station.toml")
-    assert words in str(caught.value)
     assert str(caught.value).startswith("station.toml: ")
-    assert "\n" not in str(caught.value)
 
 
 @pytest.mark.parametrize(
@@ -108,6 +111,7 @@ def test_a_wrong_value_is_refused_with_the_reason(data: dict[str, object], words
     [
         ({"daq": {"sample_rate": 1000}}, "daq.sample_rate", "sample_rate_hz"),
         ({"dqa": {}}, "dqa", "daq"),
+        ({"cuffs": {"hand": {"label_prefix": "Q_", **HAND}}}, "cuffs.hand.label_prefix", "station.toml"),
         ({"bounce": {"mass_kg": 2.5, "marker": "w", "spring_mas_kg": 0}}, "bounce.spring_mas_kg", "spring_mass_kg"),
         ({"zzz": 1}, "zzz", "station.toml"),
     ],
@@ -152,10 +156,8 @@ def test_the_example_s_sections_for_the_wearer_load_once_they_are_uncommented() 
     plain = re.sub(r"^# ", "", re.sub(of_outlets, "", section, flags=re.MULTILINE), flags=re.MULTILINE)
     config = parse_config(tomllib.loads(plain), "example")
     assert config.body is not None and config.emg is not None
-    assert {*config.body.markers, *config.body.suit_markers} == {
-        *published_shoulder().markers,
-        *published_shoulder().cord,
-    }
+    person = published_shoulder()
+    assert {*config.body.markers, *config.body.suit_markers} == {*person.markers, *person.cord}
     assert list(config.emg.channels) == ["anterior_deltoid", "upper_trapezius"]
 
 
@@ -180,34 +182,11 @@ def test_a_preset_gives_the_labels_of_the_anchor_and_of_the_recording() -> None:
     assert parse_config(config.model_dump(), "the effective configuration") == config
 
 
-@pytest.mark.parametrize(
-    ("cuff", "code", "reason"),
-    [
-        ({"anchor_preset": "sports"}, WRONG, "'sports' is not a preset, expected one of qualisys_sports.left_arm, "),
-        ({"anchor_preset": "qualisys_sports.markers"}, WRONG, "is not a preset"),
-        ({"anchor_preset": "qualisys_sports.torso", "anchor_markers": ["a", "b", "c"]}, WRONG, "are both given"),
-        ({"label_prefix": "Q_", "anchor_markers": ["a", "b", "c"]}, UNKNOWN, "unknown key cuffs.hand.label_prefix"),
-    ],
-)
-def test_an_unknown_preset_is_refused(cuff: dict[str, object], code: ConfigCode, reason: str) -> None:
-    with raises_refusal(code, kind=ConfigError) as caught:
-        parse_config({"cuffs": {"hand": {**cuff, "cuff_markers": ["strap"]}}}, "test")
-    assert reason in str(caught.value)
-
-
 def test_the_published_plan_has_24_trials_for_four_cuffs() -> None:
     plan = list(published_plan(["waist", "hand", "tube", "elbow"], repeats=3))
     assert len(plan) == 24
-    assert [(t.test, t.repeat) for t in plan[:4]] == [("static", 1), ("dynamic", 1), ("static", 2), ("dynamic", 2)]
-
-
-def test_a_session_may_begin_with_one_bounce_of_no_cuff(tmp_path: Path) -> None:
-    first, second, *_ = published_plan(["waist", "hand"], repeats=1, has_bounce=True)
-    assert (first.cuff, first.test) == (None, "bounce")
-    assert (second.cuff, second.test) == ("waist", "static")
-    assert first.file_name(2) == "test-bounce_run-2.mcap"
-    (tmp_path / first.file_name(1)).touch()
-    assert first.next_free_run(tmp_path) == 2
+    first = [("waist", "static", 1), ("waist", "dynamic", 1), ("waist", "static", 2), ("waist", "dynamic", 2)]
+    assert [(trial.cuff, trial.test, trial.repeat) for trial in plan[:4]] == first
 
 
 @pytest.mark.parametrize(("runs", "following"), [((), 1), ((1, 2), 3), ((10,), 1)])
@@ -216,35 +195,36 @@ def test_a_rerecording_gets_the_next_number(tmp_path: Path, runs: tuple[int, ...
     for run in runs:
         (tmp_path / spec.file_name(run)).touch()
     assert spec.next_free_run(tmp_path) == following
-    assert spec.file_name(3) == "cuff-hand_test-static_run-3.mcap"
 
 
-def test_the_wearer_s_trials_are_around_the_cuffs_those_without_the_suit_first() -> None:
-    plan = list(published_plan(["hand"], 1, has_bounce=True, conditions=("unsuited", "slack", "tight", "mvc")))
-    assert [(trial.test, trial.condition) for trial in plan] == [
-        ("bounce", None),
-        ("pose", None),
-        ("motion", "unsuited"),
-        ("motion", "mvc"),
-        ("static", None),
-        ("dynamic", None),
-        ("motion", "slack"),
-        ("motion", "tight"),
-    ]
+BIDS = "sub-P1_task-{test}_acq-{cuff}_run-{run}"
 
 
 @pytest.mark.parametrize(
     ("test", "condition", "name", "file"),
     [
-        ("pose", None, None, "test-pose_run-1.mcap"),
-        ("motion", "tight", None, "condition-tight_test-motion_run-1.mcap"),
-        ("motion", "slack", "sub-P1_task-{test}_acq-{cuff}_run-{run}", "sub-P1_task-motion_acq-slack_run-1.mcap"),
-        ("pose", None, "sub-P1_task-{test}_acq-{cuff}_run-{run}", "sub-P1_task-pose_run-1.mcap"),
-        ("pose", None, "{cuff}-{test}-{run}", "pose-pose-1.mcap"),
+        ("bounce", None, None, "test-bounce_run-2.mcap"),
+        ("pose", None, None, "test-pose_run-2.mcap"),
+        ("motion", "tight", None, "condition-tight_test-motion_run-2.mcap"),
+        ("motion", "slack", BIDS, "sub-P1_task-motion_acq-slack_run-2.mcap"),
+        ("pose", None, BIDS, "sub-P1_task-pose_run-2.mcap"),
+        ("pose", None, "{cuff}-{test}-{run}", "pose-pose-2.mcap"),
     ],
 )
 def test_the_condition_of_a_motion_is_in_its_file_name(
-    test: TestKind, condition: TrialCondition | None, name: str | None, file: str
+    tmp_path: Path, test: TestKind, condition: TrialCondition | None, name: str | None, file: str
 ) -> None:
     spec = TrialSpec(None, test, 1, condition=condition)
-    assert (replace(spec, name=name) if name else spec).file_name(1) == file
+    spec = replace(spec, name=name) if name else spec
+    assert spec.file_name(2) == file
+    (tmp_path / spec.file_name(1)).touch()
+    assert spec.next_free_run(tmp_path) == 2
+
+
+def test_the_wearer_s_trials_are_around_the_cuffs_those_without_the_suit_first() -> None:
+    plan = list(published_plan(["hand"], 1, has_bounce=True, conditions=("unsuited", "slack", "tight", "mvc")))
+    assert [(trial.cuff, trial.test, trial.condition) for trial in plan] == [
+        *((None, "bounce", None), (None, "pose", None), (None, "motion", "unsuited"), (None, "motion", "mvc")),
+        *(("hand", "static", None), ("hand", "dynamic", None)),
+        *((None, "motion", "slack"), (None, "motion", "tight")),
+    ]

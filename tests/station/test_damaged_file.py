@@ -53,10 +53,11 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def _flipped(recorded: Path, folder: Path, file: str, byte: int) -> Path:
+def _flipped(recorded: Path, folder: Path, file: str, *bytes_: int) -> Path:
     session = shutil.copytree(recorded, folder / "session")
     data = bytearray((session / file).read_bytes())
-    data[byte] ^= 0x10
+    for byte in bytes_:
+        data[byte] ^= 0x10
     (session / file).write_bytes(data)
     return session
 
@@ -86,13 +87,8 @@ def test_an_intact_session_has_no_damage(station, recorded: Path, tmp_path: Path
 def test_a_session_whose_only_recording_is_unusable_through_damage_exits_with_3(
     station, recorded: Path, tmp_path: Path
 ) -> None:
-    session = tmp_path / "session"
-    session.mkdir()
-    starts = chunk_starts(recorded / STATIC)
-    data = bytearray((recorded / STATIC).read_bytes())
-    for start in starts[1:]:
-        data[start + 200] ^= 0x10
-    (session / STATIC).write_bytes(data)
+    session = _flipped(recorded, tmp_path, STATIC, *(start + 200 for start in chunk_starts(recorded / STATIC)[1:]))
+    (session / DYNAMIC).unlink()
     ran = station("fit", session)
     assert ran.error == FolderCode.DAMAGED and STATIC in ran.err
     assert not [advice for advice in ADVICE if advice in ran.err], ran.err

@@ -6,6 +6,7 @@ import json
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import NamedTuple
 
 import pytest
 
@@ -92,8 +93,7 @@ class FakeBench:
         return TrialResult(path, 0, (Message(TrialCode.CAPTURE_ENDED),), accepted=True)
 
 
-@dataclass
-class Ran:
+class Ran(NamedTuple):
     trials: list[RecordedTrial]
     messages: list[str]
     bench: FakeBench

@@ -58,39 +58,26 @@ def folder(fitted: SessionFit, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
     return tmp_path
 
 
-def test_the_published_method_is_printed_without_cuffs_json(station, folder: Path) -> None:
-    ran = station("fit", folder, "--method", "paper", "--format", "json")
-    assert ran.code == 0
-    cuff = json.loads(ran.out)["cuffs"]["waist"]
-    assert 0.5 < cuff["predicted_part_of_damping_left"] < 0.95
-    assert not (folder / "cuffs.json").exists()
-
-
-def test_the_published_method_is_written_to_the_output_file(
+def test_the_published_method_is_printed_or_written_to_the_output_file_and_never_as_cuffs_json(
     station, folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("COLUMNS", "200")
-    ran = station("fit", folder, "--method", "paper", "--output", folder / "paper.json")
+    ran = station("fit", folder, "--method", "paper", "--format", "json")
     assert ran.code == 0
-    assert "predicted" in ran.out
+    assert 0.5 < json.loads(ran.out)["cuffs"]["waist"]["predicted_part_of_damping_left"] < 0.95
+    ran = station("fit", folder, "--method", "paper", "--output", folder / "paper.json")
+    assert ran.code == 0 and "predicted" in ran.out
     assert json.loads((folder / "paper.json").read_text(encoding="utf-8"))["method"] == "paper"
-
-
-def test_an_unknown_method_is_wrong_usage(station, folder: Path) -> None:
     assert station("fit", folder, "--method", "guess").code == 2
+    assert not (folder / "cuffs.json").exists()
 
 
-def test_the_fit_is_written_beside_the_recordings(station, folder: Path) -> None:
-    assert station("fit", folder).code == 0
-    assert json.loads((folder / "cuffs.json").read_text(encoding="utf-8"))["cuffs"]["waist"]["complex_stiffness"]
-
-
-def test_the_table_has_the_bound_the_law_and_likely_causes(
+def test_the_fit_is_written_beside_the_recordings_and_printed_with_bound_law_and_likely_causes(
     station, folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("COLUMNS", "160")
-    out = " ".join(station("fit", folder).out.split())
-    assert "at best" in out
-    assert "[mm]" in out
-    assert "law slip" in out
-    assert "likely: slip explains" in out
+    ran = station("fit", folder)
+    assert ran.code == 0
+    assert json.loads((folder / "cuffs.json").read_text(encoding="utf-8"))["cuffs"]["waist"]["complex_stiffness"]
+    out = " ".join(ran.out.split())
+    assert all(words in out for words in ("at best", "[mm]", "law slip", "likely: slip explains"))

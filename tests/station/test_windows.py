@@ -85,11 +85,8 @@ def test_a_trial_is_recorded_read_recovered_and_one_without_an_edge_leaves_nothi
     cut.write_bytes(result.path.read_bytes()[:-2000])
     assert open_recording(recover(cut).output).complete
     assert Rig(delay_s=100.0).recorder().record(windows, SPEC).path is None
-    assert sorted(path.name for path in windows.glob("*.mcap")) == [
-        "cuff-hand_test-static_run-1.mcap",
-        "cut.mcap",
-        "cut.recovered.mcap",
-    ]
+    names = ["cuff-hand_test-static_run-1.mcap", "cut.mcap", "cut.recovered.mcap"]
+    assert sorted(path.name for path in windows.glob("*.mcap")) == names
 
 
 def test_decisions_drafts_and_notes_are_written_and_a_file_that_is_open_elsewhere_is_named(windows: Path) -> None:
