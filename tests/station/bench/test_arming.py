@@ -60,16 +60,13 @@ def test_a_glitch_while_armed_starts_nothing_and_is_in_the_file(cut: int) -> Non
     assert "sync_glitch" in bench.writer.events()
 
 
-def test_an_edge_at_the_end_of_a_block_is_not_a_running_capture() -> None:
+def test_a_line_that_is_high_before_arming_is_a_running_capture_and_an_edge_at_the_end_of_a_block_is_not() -> None:
     bench = Bench().arm(2.5)
     bench.send_daq(np.r_[np.zeros(97), np.full(3, 5.0)])
     bench.trial.tick()
     assert bench.codes == [TrialCode.ARMED]
     bench.send_daq(np.full(100, 5.0))
     assert bench.trial.state is TrialState.RECORDING
-
-
-def test_a_line_that_is_high_before_arming_is_a_running_capture() -> None:
     bench = Bench()
     bench.level = 5.0
     bench.arm().run(0.2)
@@ -282,7 +279,7 @@ def test_a_replaced_capture_ends_the_trial_without_acceptance() -> None:
     assert len(bench.writer.samples("/markers")) == before, "the frames of the other capture are not ours"
 
 
-def test_a_slow_computer_is_reported_during_the_trial_and_in_its_result() -> None:
+def test_a_slow_computer_and_samples_that_wait_are_an_overload_during_the_trial_and_in_its_result() -> None:
     bench = Bench().record()
     bench.trial.handle(Loss("/force", "overrun", 10_000, 250, 0, bench.clock.utc_ns()))
     bench.run(1.0)
@@ -292,9 +289,6 @@ def test_a_slow_computer_is_reported_during_the_trial_and_in_its_result() -> Non
     assert bench.codes == [TrialCode.CAPTURE_ENDED, TrialCode.OVERWRITTEN]
     assert bench.trial.messages[1].figures == {"samples": 300}
     assert bench.trial.state is TrialState.CLOSED
-
-
-def test_samples_that_wait_in_the_station_are_an_overload() -> None:
     bench = Bench().record()
     late = next(i for i in reversed(bench.writer.items) if isinstance(i, Samples) and i.stream == "/force")
     bench.clock.advance(3.0)

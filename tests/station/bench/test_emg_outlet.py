@@ -39,9 +39,10 @@ class BenchWithAmplifier(Bench):
         self.more = more
         self.ahead_s, self.emg_sends, self._sent = ahead_s, True, 0
 
-    def arm(self) -> Bench:
+    def arm(self, armed_s: float = 0.0) -> Bench:
         owners = {"/force": "NI Dev1", "/sync": "NI Dev1", "/markers": "QTM", "/emg": "LSL amp"}
         self.trial.arm([*STREAMS, EMG, *self.more], owners | {stream.name: "LSL amp" for stream in self.more})
+        self.run(armed_s)
         return self
 
     def send_daq(self, volts: np.ndarray) -> None:
@@ -56,10 +57,7 @@ class BenchWithAmplifier(Bench):
 @pytest.mark.parametrize("ahead_s", [-500.0, 0.0, 1e6])
 def test_emg_before_the_edge_is_kept_with_any_clock_of_the_amplifier(ahead_s: float) -> None:
     bench = BenchWithAmplifier(ahead_s)
-    bench.arm()
-    bench.run(6.0)
-    bench.start_capture()
-    bench.run(2.0)
+    bench.record(2.0, armed_s=6.0)
     numbers = np.concatenate([block.sample_numbers for block in bench.writer.samples("/emg")])
     assert (np.diff(numbers) == 1).all()
     assert 400 <= 600 - int(numbers[0]) + 200 <= 520, (
@@ -79,25 +77,18 @@ def test_the_end_of_an_earlier_capture_keeps_the_emg() -> None:
     assert int(bench.writer.samples("/emg")[0].sample_numbers[0]) == 0
 
 
-def silence(bench: BenchWithAmplifier) -> None:
-    bench.emg_sends = False
-
-
 def lose(bench: BenchWithAmplifier) -> None:
-    silence(bench)
+    bench.emg_sends = False
     bench.trial.fail(DeviceLost("LSL amp is gone"), "LSL amp")
 
 
-@pytest.mark.parametrize(("stop_emg", "code"), [(silence, TrialCode.DEVICE_SILENT), (lose, TrialCode.DEVICE_LOST)])
-def test_an_amplifier_that_falls_silent_or_is_lost_is_noted_and_counted_and_the_trial_goes_on(
-    stop_emg: Callable[[BenchWithAmplifier], None], code: TrialCode
-) -> None:
+@pytest.mark.parametrize("code", [TrialCode.DEVICE_SILENT, TrialCode.DEVICE_LOST])
+def test_an_amplifier_that_falls_silent_or_is_lost_is_noted_and_counted_and_the_trial_goes_on(code: TrialCode) -> None:
     bench = BenchWithAmplifier(10.0)
-    bench.arm()
-    bench.run(3.0)
-    bench.start_capture()
-    bench.run(2.0)
-    stop_emg(bench)
+    bench.record(2.0, armed_s=3.0)
+    if code is TrialCode.DEVICE_LOST:
+        lose(bench)
+    bench.emg_sends = False
     bench.run(4.0)
     assert bench.codes == [TrialCode.RECORDING, code]
     bench.stop_capture(2.0)
@@ -118,10 +109,7 @@ def test_an_amplifier_that_is_lost_before_the_capture_does_not_disarm_the_trial(
 
 def test_a_clock_of_the_amplifier_that_is_measured_seldom_is_no_silent_amplifier() -> None:
     bench = BenchWithAmplifier(10.0, Stream("/emg_clock", "s", ("offset",), 0.2, EMG.source))
-    bench.arm()
-    bench.run(1.0)
-    bench.start_capture()
-    bench.run(10.0)
+    bench.record(10.0)
     assert bench.codes == [TrialCode.RECORDING]
     bench.stop_capture(2.0)
     assert (bench.trial.state, bench.codes) == (TrialState.CLOSED, [TrialCode.CAPTURE_ENDED])

@@ -17,7 +17,7 @@ from fitting.session import fit_session
 from fitting.trial.mass_checks import CHECKS_FILE, check_notes, read_checks, with_mass_checks
 from fitting.trial.trial import build_trial
 from recordings.samples import Item
-from station.bench.check import CheckResult, check_calibration, check_known_mass, inspect_bench
+from station.bench.check import check_calibration, check_known_mass, inspect_bench
 from station.clock import Clock
 from station.config import StationConfig, parse_config
 from station.fit import fit_session_folder
@@ -154,21 +154,19 @@ def test_the_calibration_of_a_recording_has_the_figures_of_the_certificate() -> 
     assert (cell.gain_relative_sd, cell.calibrated_on, cell.calibration_due_on) == (0.002, "2026-03-01", "2027-03-01")
 
 
-def test_check_shows_the_force_at_rest_and_refuses_a_saturated_one(tmp_path: Path) -> None:
-    at_rest = result_at_rest(tmp_path, 10 * NEWTONS_PER_VOLT)
-    assert not at_rest.is_good
-    assert at_rest.message.code is CheckCode.SATURATED
-    assert at_rest.message.figures["mean_n"] == pytest.approx(980.7, abs=0.2)
-    assert at_rest.message.figures["limit"] == pytest.approx(5.0)
-
-
-@pytest.mark.parametrize(("newtons", "is_doubtful"), [(3.0, False), (26.0, True), (-26.0, True)])
-def test_a_cell_that_is_loaded_at_rest_is_doubtful(tmp_path: Path, newtons: float, is_doubtful: bool) -> None:
-    at_rest = result_at_rest(tmp_path, newtons)
-    assert (at_rest.is_good, at_rest.is_doubtful) == (True, is_doubtful)
-    assert at_rest.message.code is (CheckCode.LOADED if is_doubtful else CheckCode.AT_REST)
-
-
-def result_at_rest(folder: Path, newtons: float) -> CheckResult:
-    results = inspect_bench(CONFIG, folder, loaded(newtons))  # type: ignore[arg-type]
-    return next(result for result in results if result.subject == "force at rest")
+@pytest.mark.parametrize(
+    ("newtons", "code", "is_good", "is_doubtful"),
+    [
+        (3.0, CheckCode.AT_REST, True, False),
+        *((load, CheckCode.LOADED, True, True) for load in (26.0, -26.0)),
+        (10 * NEWTONS_PER_VOLT, CheckCode.SATURATED, False, False),
+    ],
+)
+def test_check_shows_the_force_at_rest_doubts_a_loaded_cell_and_refuses_a_saturated_one(
+    tmp_path: Path, newtons: float, code: CheckCode, is_good: bool, is_doubtful: bool
+) -> None:
+    results = inspect_bench(CONFIG, tmp_path, loaded(newtons))  # type: ignore[arg-type]
+    (at_rest,) = (result for result in results if result.subject == "force at rest")
+    assert (at_rest.message.code, at_rest.is_good, at_rest.is_doubtful) == (code, is_good, is_doubtful)
+    assert at_rest.message.figures["mean_n"] == pytest.approx(newtons, abs=0.2)
+    assert code is not CheckCode.SATURATED or at_rest.message.figures["limit"] == pytest.approx(5.0)

@@ -46,13 +46,15 @@ from tests.refusals import raises_refusal
 from tests.station.command import Ran
 from tests.station.wearer import BODY, SPECS, WearerSession
 
+Station = Callable[..., Ran]
+MakeBench = Callable[..., Bench]
 SPEED = 5.0
 HELD = 9.80665 * 3.0 + 2.0  # N, the weight and the hook
 POSE, FREE, TIGHT = SPECS
 
 
 @pytest.fixture
-def bench(simulated_bench: Callable[..., Bench]) -> Bench:
+def bench(simulated_bench: MakeBench) -> Bench:
     static = {"lead_in_s": 2.0, "hold_s": 4.0, "step_masses_kg": [3.0]}
     return simulated_bench(SPEED, protocol={"static": static}, mocap={"occlusions_per_minute": 0})
 
@@ -156,18 +158,14 @@ def test_a_trial_of_it_is_in_newtons_and_its_clocks_are_certified(
     assert trial.sync.force_rate > 20.0
 
 
-def test_every_trial_is_complete_accepted_and_named_after_its_condition(wearer: WearerSession) -> None:
-    assert list(wearer.results) == [
-        "test-pose_run-1.mcap",
-        "condition-unsuited_test-motion_run-1.mcap",
-        "condition-tight_test-motion_run-1.mcap",
-    ]
+def test_every_trial_is_complete_accepted_and_named_after_its_condition_and_a_pose_ends_by_itself(
+    wearer: WearerSession,
+) -> None:
+    motions = [f"condition-{condition}_test-motion_run-1.mcap" for condition in ("unsuited", "tight")]
+    assert list(wearer.results) == ["test-pose_run-1.mcap", *motions]
     for result in wearer.results.values():
         assert result.accepted and not result.lost_samples, result.sentence
         assert result.path is not None and open_recording(result.path).complete
-
-
-def test_a_pose_ends_by_itself_and_a_motion_with_the_capture(wearer: WearerSession) -> None:
     ends = [[message.code for message in wearer.results[spec.file_name(1)].messages] for spec in SPECS]
     assert ends == [["duration_reached"], ["capture_ended"], ["capture_ended"]]
 
@@ -229,8 +227,6 @@ def test_no_fit_uses_a_pose_or_motion(wearer: WearerSession) -> None:
         ("--condition", "tight"),
     ],
 )
-def test_a_condition_needs_a_motion_and_a_cuff_needs_a_pull(
-    station: Callable[..., Ran], words: tuple[str, ...]
-) -> None:
+def test_a_condition_needs_a_motion_and_a_cuff_needs_a_pull(station: Station, words: tuple[str, ...]) -> None:
     ran = station("record", "--config", "station.toml", "--session", "none", *words)
     assert (ran.code, ran.out) == (2, "")

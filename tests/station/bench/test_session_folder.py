@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
+from unittest.mock import Mock
 
 import pytest
 
@@ -37,6 +38,7 @@ from tests.station.fake_devices import FakeCapture, FakeDaq, FakeMocap
 from tests.station.session.benched import Recorder, simulated_bench
 
 Station = Callable[..., Ran]
+Running = tuple[SimulatedBench, StationConfig]
 GOLDEN = Path(__file__).parents[2] / "recordings" / "golden" / "format_1.mcap"
 FORCE = Stream("/force", "V", ("force",), 1000.0, "NI Dev1")
 MARKERS = Stream("/markers", "mm", tuple("abcde"), 100.0, "QTM")
@@ -45,13 +47,13 @@ TWO_CUFFS = parse_config({"cuffs": {"one": CUFF, "two": CUFF}, "protocol": {"rep
 
 
 @pytest.fixture(scope="module")
-def running(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[SimulatedBench, StationConfig]]:
+def running(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Running]:
     with simulated_bench(tmp_path_factory.mktemp("bench"), swing_s=2.0) as both:
         yield both
 
 
 @pytest.fixture(scope="module")
-def simulated(running: tuple[SimulatedBench, StationConfig], tmp_path_factory: pytest.TempPathFactory) -> Path:
+def simulated(running: Running, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A trial that the console's recorder took from the simulated devices, over their wires."""
     folder = tmp_path_factory.mktemp("sessions") / "simulated" / "monday"
     with Recorder(running[1], folder, running[0].clock_port) as recorder:
@@ -73,16 +75,15 @@ def record(folder: Path, is_simulated: bool | None, test: str = "static") -> Pat
     return result.path
 
 
-def test_the_identities_of_the_devices_are_in_the_manifest_and_the_origin_in_the_journal(simulated: Path) -> None:
+def test_the_identities_of_the_devices_are_in_the_manifest_and_the_origin_in_the_journal_and_in_info(
+    simulated: Path, station: Station
+) -> None:
     manifest = read_manifest(simulated)
     assert manifest.origin is DataOrigin.SIMULATED
     assert [device.is_simulated for device in manifest.devices] == [True, True]
     assert manifest.devices[0].text == "USB-6008 serial number 01C0FFEE"
     assert manifest.devices[1].text == "QTM Version is 2024.3 (build 17700), simulated"
     assert [recorded.origin for recorded in read_journal(simulated.parent).recorded] == ["simulated"]
-
-
-def test_info_shows_the_origin(simulated: Path, station: Station) -> None:
     assert "SIMULATED data (NI Dev1: USB-6008" in station("info", simulated).out
     plain = json.loads(station("info", simulated, "--format", "json").out)
     assert plain["origin"] == "simulated"
@@ -106,9 +107,7 @@ def test_a_replay_has_the_origin_of_its_recording(simulated: Path, tmp_path: Pat
     assert str(tmp_path / "simulated" / "monday") in ran.err
 
 
-def test_simulated_devices_are_not_recorded_among_measured_sessions(
-    running: tuple[SimulatedBench, StationConfig], tmp_path: Path
-) -> None:
+def test_simulated_devices_are_not_recorded_among_measured_sessions(running: Running, tmp_path: Path) -> None:
     with Recorder(running[1], tmp_path / "monday", running[0].clock_port) as recorder:
         refusal = recorder.end()
     assert refusal["code"] == RefusalCode.SIMULATED_DEVICES
@@ -144,18 +143,28 @@ def test_a_recording_of_an_older_station_opens_with_an_unknown_origin(station: S
     assert "measured or simulated: not recorded" in station("info", GOLDEN).out
 
 
-def recording(folder: Path) -> Path:
-    path = folder / "a.mcap"
+def test_the_monitor_polls_once_a_second_and_warns_below_the_reserve_and_of_a_recording_that_was_moved(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path, clock = tmp_path / "a.mcap", ManualClock()
     path.touch()
-    return path
-
-
-def test_the_monitor_notices_that_the_recording_is_no_longer_in_its_place(tmp_path: Path) -> None:
-    path = recording(tmp_path)
+    usage = Mock(return_value=SimpleNamespace(free=RESERVE_BYTES))
+    monkeypatch.setattr(shutil, "disk_usage", usage)
+    monitor = DiskMonitor(path, clock)
+    for _ in range(30):
+        assert monitor.poll() is None
+        clock.advance(0.1)
+    assert usage.call_count == 3
+    usage.return_value.free = RESERVE_BYTES - 1e6
+    clock.advance(1.0)
+    warning = monitor.poll()
+    assert warning is not None and warning.figures["free_mb"] == 49.0
+    usage.side_effect = OSError(5, "Input/output error")
+    assert DiskMonitor(path, ManualClock()).poll() is None, "a disk without an answer has no warning"
     monitor = DiskMonitor(path, ManualClock())
     path.unlink()
-    message = monitor.poll()
-    assert message is not None and message.code is TrialCode.RECORDING_MOVED
+    moved = monitor.poll()
+    assert moved is not None and moved.code is TrialCode.RECORDING_MOVED
 
 
 def test_the_plan_needs_all_of_its_trials_and_the_reserve(tmp_path: Path) -> None:
@@ -176,34 +185,3 @@ def test_recorded_trials_need_no_space_and_one_trial_always_does(tmp_path: Path)
 
 def test_the_free_space_of_a_missing_folder_is_that_of_its_parent(tmp_path: Path) -> None:
     assert bytes_free(tmp_path / "not" / "yet") == pytest.approx(shutil.disk_usage(tmp_path).free, rel=0.1)
-
-
-def test_the_monitor_polls_once_a_second_and_warns_below_the_reserve(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    looks: list[Path] = []
-    free = RESERVE_BYTES
-
-    def usage(path: Path) -> SimpleNamespace:
-        looks.append(path)
-        return SimpleNamespace(free=free)
-
-    monkeypatch.setattr(shutil, "disk_usage", usage)
-    clock = ManualClock()
-    watch = DiskMonitor(recording(tmp_path), clock)
-    for _ in range(30):
-        assert watch.poll() is None
-        clock.advance(0.1)
-    assert len(looks) == 3
-    free = RESERVE_BYTES - 1e6
-    clock.advance(1.0)
-    warning = watch.poll()
-    assert warning is not None and warning.figures["free_mb"] == 49.0
-
-
-def test_a_disk_without_an_answer_has_no_warning(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def usage(path: Path) -> SimpleNamespace:
-        raise OSError(5, "Input/output error")
-
-    monkeypatch.setattr(shutil, "disk_usage", usage)
-    assert DiskMonitor(recording(tmp_path), ManualClock()).poll() is None

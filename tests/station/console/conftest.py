@@ -18,6 +18,12 @@ def served_by(request: pytest.FixtureRequest) -> None:
         ServedConsole.python = str(Path(python).absolute())
 
 
+@pytest.fixture(scope="session")
+def anyio_backend() -> str:
+    """Coroutines run in the event loop of the console's server."""
+    return "asyncio"
+
+
 def pytest_itemcollected(item: pytest.Item) -> None:
     """A test in a browser is slow, and skipped without Chromium."""
     if {"shared_browser", "polite_browser"} & set(getattr(item, "fixturenames", ())):

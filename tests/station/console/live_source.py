@@ -6,7 +6,6 @@ import math
 import time
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Self
 
 import numpy as np
@@ -75,19 +74,17 @@ class LiveSource:
         announce(self.folder, self._server.address)
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         withdraw(self.folder, self._server.address)
-        self._server.__exit__(kind, error, trace)
+        self._server.__exit__(None, None, None)
 
     @property
     def views(self) -> int:
         return self._server.views
 
-    def publish(self, *, age_s: float = 0.17, **changes: Any) -> LiveValues:
-        """The next frame, 0.04 s later, with these changes of its values."""
-        values = replace(self._values(), **changes)
+    def publish(self, *, age_s: float = 0.17) -> LiveValues:
+        """The next frame, 0.04 s later."""
+        values = self._values()
         self._send(values, age_s)
         return values
 

@@ -9,7 +9,6 @@ import sys
 from collections.abc import Sequence
 from inspect import getsource
 from pathlib import Path
-from types import TracebackType
 from typing import Self
 
 from station.child import ProcessLink
@@ -135,9 +134,7 @@ class ServedConsole:
         self._child.kill()
         self._child.wait()
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def close(self) -> None:

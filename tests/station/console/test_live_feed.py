@@ -5,9 +5,8 @@ from __future__ import annotations
 import asyncio
 import math
 import time
-from collections.abc import AsyncIterator, Callable, Coroutine
+from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
-from functools import wraps
 from pathlib import Path
 from typing import Any
 from unittest.mock import Mock
@@ -26,23 +25,14 @@ from station.sources import read_model
 from tests.station.console.live_source import LiveSource, live_setup
 from tests.timeout import scaled_timeout
 
+pytestmark = pytest.mark.anyio
+
 
 async def polled(feed: LiveFeed, is_met: Callable[[], bool]) -> None:
     async with asyncio.timeout(scaled_timeout(60.0)):
         while not is_met():
             await feed.poll()
             await asyncio.sleep(0.005)
-
-
-Test = Callable[..., Coroutine[Any, Any, None]]
-
-
-def in_a_loop(test: Test) -> Callable[..., None]:
-    @wraps(test)
-    def run(*arguments: Any, **named: Any) -> None:
-        asyncio.run(test(*arguments, **named))
-
-    return run
 
 
 @asynccontextmanager
@@ -63,7 +53,6 @@ async def followed(
         feed.close()
 
 
-@in_a_loop
 async def test_a_page_opened_in_the_middle_has_the_curves_so_far(tmp_path: Path) -> None:
     async with followed(tmp_path) as (feed, source):
         sent = [source.publish() for _ in range(5)]
@@ -74,7 +63,6 @@ async def test_a_page_opened_in_the_middle_has_the_curves_so_far(tmp_path: Path)
         assert feed.drawing is not None and feed.suit is not None
 
 
-@in_a_loop
 async def test_a_rest_length_is_common_at_once_and_solved_from_the_next_frame_on(tmp_path: Path) -> None:
     async with followed(tmp_path) as (feed, source):
         assert feed.rest_length_m == 0.70
@@ -90,7 +78,6 @@ async def test_a_rest_length_is_common_at_once_and_solved_from_the_next_frame_on
         assert feed.rest_length_m == 0.755
 
 
-@in_a_loop
 async def test_a_rest_length_that_is_not_applied_is_not_shown_for_long(tmp_path: Path) -> None:
     clock = Mock(return_value=100.0)
     async with followed(tmp_path, clock=clock) as (feed, _):
@@ -102,7 +89,6 @@ async def test_a_rest_length_that_is_not_applied_is_not_shown_for_long(tmp_path:
         assert feed.rest_length_m == 0.70
 
 
-@in_a_loop
 async def test_values_remain_while_there_are_no_new_ones_and_after_the_end(tmp_path: Path) -> None:
     """The page shows their age."""
     async with followed(tmp_path) as (feed, source):
@@ -115,7 +101,6 @@ async def test_values_remain_while_there_are_no_new_ones_and_after_the_end(tmp_p
         assert feed.values == last
 
 
-@in_a_loop
 async def test_another_session_shows_nothing_of_the_one_before(tmp_path: Path) -> None:
     first, second = tmp_path / "first", tmp_path / "second"
     first.mkdir(), second.mkdir()
@@ -133,7 +118,6 @@ async def test_another_session_shows_nothing_of_the_one_before(tmp_path: Path) -
             assert feed.setup is not None and feed.setup.subject.name == "P02"
 
 
-@in_a_loop
 async def test_without_fitted_cuffs_the_rigid_suit_is_the_one_worn(tmp_path: Path) -> None:
     setup = live_setup(scenarios=tuple(one for one in live_setup().scenarios if one.condition != "both"))
     async with followed(tmp_path, setup) as (feed, source):
@@ -143,7 +127,6 @@ async def test_without_fitted_cuffs_the_rigid_suit_is_the_one_worn(tmp_path: Pat
 
 
 @pytest.mark.parametrize("scenarios", [(), live_setup().scenarios[:1]])
-@in_a_loop
 async def test_without_a_worn_suit_there_is_no_rest_length(tmp_path: Path, scenarios: tuple[Any, ...]) -> None:
     async with followed(tmp_path, live_setup(scenarios=scenarios)) as (feed, _):
         feed.set_rest_length(0.7)

@@ -12,8 +12,6 @@ import pytest
 from nicegui import Client, ui
 from nicegui.page import page
 
-from documents.message import Message
-from station.bench.check import CheckResult
 from station.console.actions import _unless_late
 from station.console.charts import DISPLACEMENT_AXIS, ELEVATION_AXIS, force_over_motion
 from station.console.kept_form import keep_form
@@ -22,7 +20,6 @@ from station.console.page import _Page
 from station.console.running_view import _over_time
 from station.console.setup_view import _parse_masses
 from station.live.published import LiveBest, LiveDelivery, LiveUpdate
-from station.messages.bench_messages import CheckCode
 from station.messages.session_messages import CommandCode
 from station.session.open_session import CommandRefused
 from tests.refusals import raises_refusal
@@ -135,18 +132,6 @@ def test_load_steps_are_taken_with_a_decimal_point_or_comma(typed: str) -> None:
 def test_an_ambiguous_number_is_refused(typed: str) -> None:
     with raises_refusal(CommandCode.MASSES_NOT_NUMBERS, kind=CommandRefused):
         _parse_masses(typed)
-
-
-@pytest.mark.parametrize(
-    ("result", "grade"),
-    [
-        (CheckResult("disk", Message(CheckCode.DISK), is_good=True), "good"),
-        (CheckResult("/markers", Message(CheckCode.NO_CAPTURE), is_good=True, is_doubtful=True), "doubtful"),
-        (CheckResult("NI Dev1", Message(CheckCode.NO_ANSWER), is_good=False), "bad"),
-    ],
-)
-def test_only_a_checked_subject_without_a_fault_is_green(result: CheckResult, grade: str) -> None:
-    assert result.grade == grade
 
 
 # Figures in the sentences of the live page.

@@ -40,6 +40,16 @@ FOCUS_AFTER = """action => {
 """Within one task of the browser: the console cannot answer before it returns."""
 
 
+def begun(browser: Browser, console: ServedConsole) -> Page:
+    """A page with a clock that the test moves, in a new session."""
+    page = browser.new_page(viewport={"width": 1366, "height": 768})
+    page.set_default_timeout(patience_ms())
+    page.clock.install()
+    page.goto(console.address)
+    begin(page)
+    return page
+
+
 @pytest.mark.parametrize("death", ["killed", "frozen"])
 def test_a_page_without_its_console_turns_grey_within_two_seconds_and_reconnects(
     browser: Browser, tmp_path: Path, death: str
@@ -47,11 +57,7 @@ def test_a_page_without_its_console_turns_grey_within_two_seconds_and_reconnects
     """Seconds of the page's own clock, which the test moves."""
     config = write_config(tmp_path)
     with ServedConsole(config, "--simulated") as console:
-        page = browser.new_page(viewport={"width": 1366, "height": 768})
-        page.set_default_timeout(patience_ms())
-        page.clock.install()
-        page.goto(console.address)
-        begin(page)
+        page = begun(browser, console)
         lost = page.get_by_text("The console does not answer")
         pause_clock(page)
         if death == "killed":
@@ -85,11 +91,7 @@ def test_a_press_that_waits_in_the_connection_is_reported_only_when_the_console_
 ) -> None:
     """It may still be executed, which no notice must deny."""
     with ServedConsole(write_config(tmp_path), "--simulated") as console:
-        page = browser.new_page()
-        page.set_default_timeout(patience_ms())
-        page.clock.install()
-        page.goto(console.address)
-        begin(page)
+        page = begun(browser, console)
         notice = page.locator(".unconfirmed")
         pause_clock(page)
         psutil.Process(console.pid).suspend()

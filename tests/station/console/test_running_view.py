@@ -2,9 +2,7 @@ from __future__ import annotations
 
 import asyncio
 from collections import deque
-from collections.abc import Awaitable, Callable
 from dataclasses import replace
-from functools import wraps
 from typing import Any
 
 import pytest
@@ -28,6 +26,7 @@ from station.session.guide import MotionGuide, guide_for
 from station.session.trial_runner import LiveTrial, force_limits
 from tests.station.wearer import wearer_config
 
+pytestmark = pytest.mark.anyio
 BOUNCE = TrialSpec(None, "bounce", 1)
 
 
@@ -114,50 +113,39 @@ async def turn() -> None:
         await asyncio.sleep(0)
 
 
-def in_a_loop(test: Callable[[], Awaitable[None]]) -> Callable[[], None]:
-    @wraps(test)
-    def run() -> None:
-        async def whole() -> None:
-            with pytest.MonkeyPatch.context() as patch:
-                patch.setattr("nicegui.core.loop", asyncio.get_running_loop())
-                await test()
-
-        asyncio.run(whole())
-
-    return run
+@pytest.fixture
+async def drawing(monkeypatch: pytest.MonkeyPatch, anyio_backend: str) -> FakeBrowser:
+    monkeypatch.setattr("nicegui.core.loop", asyncio.get_running_loop())
+    return FakeBrowser()
 
 
-@in_a_loop
-async def test_every_tick_with_new_data_sends_one_update_to_a_browser_that_draws() -> None:
-    browser = FakeBrowser()
-    sender = UpdateSender(browser.draw)
+async def test_every_tick_with_new_data_sends_one_update_to_a_browser_that_draws(drawing: FakeBrowser) -> None:
+    sender = UpdateSender(drawing.draw)
     for tick in range(1, 101):
         sender.tick(0.08 * tick)
         await turn()
-        assert browser.sent == tick
-        await browser.has_drawn()
+        assert drawing.sent == tick
+        await drawing.has_drawn()
 
 
-@in_a_loop
-async def test_a_browser_that_does_not_draw_receives_no_further_updates_until_it_does_or_has_timed_out() -> None:
-    browser = FakeBrowser()
-    sender = UpdateSender(browser.draw)
-    for sent, answers in ((0, browser.has_drawn), (1, browser.times_out)):
+async def test_a_browser_that_does_not_draw_receives_no_updates_until_it_does_or_has_timed_out(
+    drawing: FakeBrowser,
+) -> None:
+    sender = UpdateSender(drawing.draw)
+    for sent, answers in ((0, drawing.has_drawn), (1, drawing.times_out)):
         for tick in range(50):
             sender.tick(50.0 * sent + tick)  # without a turn: the count must not wait for the tasks
         await turn()
-        assert browser.sent == UNDRAWN_UPDATES + sent
+        assert drawing.sent == UNDRAWN_UPDATES + sent
         await answers()
     sender.tick(100.0)
     await turn()
-    assert browser.sent == UNDRAWN_UPDATES + 2
+    assert drawing.sent == UNDRAWN_UPDATES + 2
 
 
-@in_a_loop
-async def test_data_are_sent_once_and_no_data_not_at_all() -> None:
-    browser = FakeBrowser()
-    sender = UpdateSender(browser.draw)
+async def test_data_are_sent_once_and_no_data_not_at_all(drawing: FakeBrowser) -> None:
+    sender = UpdateSender(drawing.draw)
     for at in (None, 1.0, 1.0, 1.0):
         sender.tick(at)
         await turn()
-    assert browser.sent == 1
+    assert drawing.sent == 1
