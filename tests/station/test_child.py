@@ -40,12 +40,19 @@ def answer(child: Child, message: dict[str, Any]) -> dict[str, Any] | None:
     return child.receive()
 
 
-def test_messages_of_any_length_arrive_both_ways_and_the_child_ends_with_the_link() -> None:
+def test_messages_of_any_length_and_thread_arrive_whole_both_ways_and_the_child_ends_with_the_link() -> None:
     with running("echo") as child:
         assert answer(child, {"cuff": "Hüftgurt", "n": 1.5}) == {"cuff": "Hüftgurt", "n": 1.5}
         for length in (0, 1, 2**20):
             child.send_bytes(bytes(length))
             assert child.receive_bytes() == bytes(length)
+        blocks = [bytes([number]) * 100_000 for number in range(6)]
+        senders = [Thread(target=child.send_bytes, args=(block,)) for block in blocks]
+        for sender in senders:
+            sender.start()
+        assert {child.receive_bytes() for _ in blocks} == set(blocks)
+        for sender in senders:
+            sender.join()
         child.close()
         assert child.process.wait(scaled_timeout(PATIENCE_S)) == 4
 
@@ -55,18 +62,6 @@ def test_files_of_the_user_replace_no_package_in_a_child(tmp_path: Path) -> None
         (tmp_path / f"{name}.py").write_text("raise SystemExit(9)", encoding="utf-8")
     with running("echo", cwd=tmp_path) as child:
         assert answer(child, {"n": 1.5}) == {"n": 1.5}
-
-
-def test_senders_in_several_threads_do_not_mix_their_messages() -> None:
-    with running("echo") as child:
-        blocks = [bytes([number]) * 100_000 for number in range(6)]
-        senders = [Thread(target=child.send_bytes, args=(block,)) for block in blocks]
-        for sender in senders:
-            sender.start()
-        received = {child.receive_bytes() for _ in blocks}
-        for sender in senders:
-            sender.join()
-    assert received == set(blocks)
 
 
 def test_a_child_that_ends_before_it_receives_is_noticed() -> None:
@@ -147,7 +142,7 @@ def test_a_suspended_parent_is_not_taken_for_a_dead_one() -> None:
         assert suspended.children() == [child]
 
 
-def test_a_suspended_child_is_waited_for() -> None:
+def test_a_suspended_child_is_waited_for_and_keys_that_end_the_parent_do_not_end_it() -> None:
     with running("echo") as child:
         process = psutil.Process(child.process.pid)
         assert answer(child, {"n": 1}) == {"n": 1}
@@ -155,20 +150,15 @@ def test_a_suspended_child_is_waited_for() -> None:
         child.send({"n": 2})
         process.resume()
         assert child.receive() == {"n": 2}
+        for key in set(end_signals()) - {signal.SIGTERM}:
+            press(key, child.process.pid)
+        assert answer(child, {"n": 3}) == {"n": 3}
 
 
 def test_a_library_loads_while_a_message_is_waited_for_and_standard_input_is_empty() -> None:
     with running("load_library") as child:
         assert child.receive() == {"norm": 5.0, "stdin": ""}
         assert child.ensure_ended(scaled_timeout(PATIENCE_S)) == 5
-
-
-def test_keys_that_end_the_parent_do_not_end_the_child() -> None:
-    with running("echo") as child:
-        assert answer(child, {"n": 1}) == {"n": 1}
-        for key in set(end_signals()) - {signal.SIGTERM}:
-            press(key, child.process.pid)
-        assert answer(child, {"n": 2}) == {"n": 2}
 
 
 @pytest.mark.parametrize("arguments", [[], ["99"], ["-1", "tests.station.children"], ["nonsense"]])

@@ -5,7 +5,9 @@ import os
 import subprocess
 import sys
 from enum import StrEnum
+from functools import cache
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from unittest.mock import Mock
 
 import pytest
@@ -20,7 +22,7 @@ from station.journal import read_journal
 from station.messages.file_messages import ExportCode
 from station.messages.setup_messages import ConfigCode, FolderCode
 from station.messages.study_messages import PlanCode, StudyCode, SweepCode
-from tests.station.bench.test_trial_recorder import Rig
+from tests.station.bench.test_trial_recorder import SPEC, Rig
 from tests.station.command import assert_one_sentence, assert_refused
 
 EXAMPLE = Path(__file__).parents[2] / "station.toml"
@@ -28,12 +30,18 @@ CONFIG = str(EXAMPLE)
 RECORD = ("record", "--session", "s", "--cuff", "hand", "--test", "static", "--repeat", "1")
 
 
-def trial_file(folder: Path) -> Path:
-    from station.protocol import TrialSpec
+@cache
+def trial_files() -> dict[str, bytes]:
+    """The recording of a trial and its checksum, by name."""
+    with TemporaryDirectory() as folder:
+        assert Rig().recorder().record(Path(folder), SPEC).accepted
+        return {path.name: path.read_bytes() for path in Path(folder).iterdir() if not path.name.startswith(".")}
 
-    path = Rig().recorder().record(folder, TrialSpec("hand", "static", 1)).path
-    assert path is not None
-    return path
+
+def trial_file(folder: Path) -> Path:
+    for name, content in trial_files().items():
+        (folder / name).write_bytes(content)
+    return folder / SPEC.file_name(1)
 
 
 def test_help_lists_the_verbs_in_the_order_of_their_use(station) -> None:
@@ -133,7 +141,7 @@ def test_a_cut_recording_is_code_3_in_info_and_recover_and_the_original_stays(st
     assert again.code == 3 and Path(again.out.strip()).is_file()
 
 
-def test_an_export_is_reported_as_json(station, tmp_path: Path) -> None:
+def test_an_export_and_a_replay_are_reported_as_json(station, tmp_path: Path) -> None:
     path, broken = trial_file(tmp_path), tmp_path / "cuff-hand_test-static_run-2.mcap"
     broken.write_text("no recording\n")
     ran = station("export", "--session", tmp_path, "--to", "csv", "--output", tmp_path / "out", "--format", "json")
@@ -142,10 +150,6 @@ def test_an_export_is_reported_as_json(station, tmp_path: Path) -> None:
     assert len(result["written"]) == 3 and all(Path(name).stem.startswith(path.stem) for name in result["written"])
     assert [refused["code"] for refused in result["refused_codes"]] == [ExportCode.NOT_EXPORTED]
     assert broken.name in result["refused"][0]
-
-
-def test_a_replay_is_reported_as_json(station, tmp_path: Path) -> None:
-    path = trial_file(tmp_path)
     ran = station("replay", path, "--session", tmp_path / "again", "--speed", "20", "--format", "json")
     result = json.loads(ran.out)
     assert set(result) == {"path", "accepted", "lost_samples", "sentence", "codes", "origin"}
@@ -172,10 +176,16 @@ def test_a_file_that_is_not_a_recording_is_refused_with_its_name(station, tmp_pa
         assert_one_sentence(station("info", path), 1, path.name)
 
 
-def test_a_folder_without_recordings_is_not_fitted(station, tmp_path: Path) -> None:
-    (tmp_path / "empty").mkdir()
-    assert_refused(station("fit", tmp_path / "none"), 1, FolderCode.NOT_A_FOLDER)
-    assert_refused(station("fit", tmp_path / "empty"), 1, FolderCode.NO_RECORDING)
+def test_a_folder_that_is_empty_or_does_not_exist_is_neither_fitted_nor_reported_nor_created(
+    station, tmp_path: Path
+) -> None:
+    missing = tmp_path / "missing.mcap"
+    assert_refused(station("fit", missing), 1, FolderCode.NOT_A_FOLDER)
+    assert_refused(station("fit", tmp_path), 1, FolderCode.NO_RECORDING)
+    assert_refused(station("report", tmp_path), 1, FolderCode.NOTHING_TO_REPORT)
+    for more in ((), ("--normative", tmp_path / "normative.json")):
+        assert_refused(station("report", missing, *more), 1, FolderCode.NOT_A_FOLDER)
+    assert not missing.exists()
 
 
 def test_a_motion_without_a_coordinate_is_refused(station, tmp_path: Path) -> None:
@@ -184,14 +194,6 @@ def test_a_motion_without_a_coordinate_is_refused(station, tmp_path: Path) -> No
     ran = station("rmr", "--motion", motion, "--output", tmp_path / "a.csv")
     assert ran.code == 1 and ran.err.strip().splitlines()[-1].startswith("station: ")
     assert not (tmp_path / "a.csv").exists()
-
-
-def test_an_empty_folder_and_one_that_does_not_exist_are_neither_reported_nor_created(station, tmp_path: Path) -> None:
-    assert_refused(station("report", tmp_path), 1, FolderCode.NOTHING_TO_REPORT)
-    missing = tmp_path / "missing.mcap"
-    for more in ((), ("--normative", tmp_path / "normative.json")):
-        assert_refused(station("report", missing, *more), 1, FolderCode.NOT_A_FOLDER)
-    assert not missing.exists()
 
 
 @pytest.mark.parametrize(

@@ -112,16 +112,12 @@ def test_a_narrow_terminal_does_not_shorten_a_number_or_a_key() -> None:
     assert ["".join(map(str.strip, cells)) for cells in columns] == ["/force", "92002", "protocol.step_masses_kg"]
 
 
-def test_a_figure_that_is_not_identified_is_marked() -> None:
+def test_a_figure_that_is_not_identified_or_was_entered_by_hand_is_marked() -> None:
     wide, known = Estimate(210.0, 120.0, (-25.0, 445.0)), Estimate(8520.0, 10.0, (8500.0, 8540.0))
     fit = CuffFit("hand", "arm", "1", known, wide, None, (Verdict.LAG,), np.zeros((3, 3)), {})
     assert of_cuff(fit, "damping", "210 ± 240") == "not identified: 210 ± 240"
     assert of_cuff(fit, "stiffness", "8520 ± 20") == "8520 ± 20"
     assert of_cuff(fit, "migration", "not identified") == "not identified"
-
-
-def test_a_figure_that_was_entered_by_hand_is_marked() -> None:
-    known = Estimate(8520.0, 10.0, (8500.0, 8540.0))
     cuff = Cuff("hand", stiffness=known, damping=210.0)
     assert of_cuff(cuff, "damping", "210") == "210 (given by hand)"
     assert of_cuff(cuff, "stiffness", "8520 ± 20") == "8520 ± 20"

@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import threading
+from collections.abc import Awaitable, Callable
 from pathlib import Path
 
 import psutil
@@ -17,29 +18,35 @@ from station.session.worker import Worker, WorkerKilled
 from tests.timeout import scaled_timeout
 
 ROOT = Path(__file__).parents[3]
-OF_THE_FIT = {"scipy.signal", "scipy.stats", "numba"}
 
 
-def test_only_the_worker_imports_the_fit() -> None:
-    """It takes seconds, for which an operator would wait when a session or the console starts."""
-    code = f"import sys, station.terminal.sequencer, station.console.server; print(*{OF_THE_FIT} & sys.modules.keys())"
-    ran = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)  # noqa: S603
-    assert ran.stdout.split() == []
+def run(work: Callable[[Worker], Awaitable[None]]) -> None:
+    """With a worker that is closed afterwards."""
+
+    async def whole() -> None:
+        worker = Worker()
+        await work(worker)
+        worker.close()
+
+    asyncio.run(whole())
+
+
+async def until_exists(path: Path) -> None:
+    async with asyncio.timeout(scaled_timeout(60.0)):
+        while not path.exists():
+            await asyncio.sleep(0.01)
 
 
 def test_a_worker_that_is_killed_is_replaced() -> None:
-    async def whole() -> tuple[int, int]:
-        worker = Worker()
+    async def kill(worker: Worker) -> None:
         first = await worker.run(os.getpid)
         psutil.Process(first).kill()
         second = await worker.run(os.getpid)
+        assert len({first, second, os.getpid()}) == 3
         with pytest.raises(WorkerKilled):
             await worker.run(os._exit, 1)
-        worker.close()
-        return first, second
 
-    first, second = asyncio.run(whole())
-    assert len({first, second, os.getpid()}) == 3
+    run(kill)
 
 
 def _work_in_steps(steps: int, progress: Progress) -> str:
@@ -51,16 +58,13 @@ def _work_in_steps(steps: int, progress: Progress) -> str:
 def test_the_progress_of_a_function_reaches_the_console() -> None:
     reported: list[tuple[str, int, int]] = []
 
-    async def whole() -> str:
-        worker = Worker()
-        result = await worker.run_with_progress(lambda *report: reported.append(report), _work_in_steps, 3)
+    async def count(worker: Worker) -> None:
+        assert await worker.run_with_progress(lambda *stage: reported.append(stage), _work_in_steps, 3) == "counted"
         async with asyncio.timeout(scaled_timeout(60.0)):
             while len(reported) < 4:
                 await asyncio.sleep(0.01)
-        worker.close()
-        return str(result)
 
-    assert asyncio.run(whole()) == "counted"
+    run(count)
     assert reported == [("counting", done, 3) for done in range(4)]
 
 
@@ -68,16 +72,12 @@ def test_a_closed_worker_ends_in_the_middle_of_a_function(tmp_path: Path) -> Non
     """A summary takes minutes, and its process must not outlive the program."""
     pid = tmp_path / "pid"
 
-    async def whole() -> None:
-        worker = Worker()
+    async def begin(worker: Worker) -> None:
         work = asyncio.ensure_future(worker.run(_work_for_ever, pid))
-        async with asyncio.timeout(scaled_timeout(60.0)):
-            while not pid.exists():
-                await asyncio.sleep(0.01)
+        await until_exists(pid)
         work.cancel()
-        worker.close()
 
-    asyncio.run(whole())
+    run(begin)
     assert_ended(pid)
 
 
@@ -106,14 +106,11 @@ def _ignores_ctrl_c() -> bool:
 
 
 def test_ctrl_c_reaches_the_console_and_not_the_worker() -> None:
-    async def whole() -> bool:
-        worker = Worker()
-        is_deaf = await worker.run(_ignores_ctrl_c)
-        worker.close()
-        return bool(is_deaf)
+    async def ask(worker: Worker) -> None:
+        assert await worker.run(_ignores_ctrl_c)
 
     heard = signal.getsignal(signal.SIGINT)
-    assert asyncio.run(whole())
+    run(ask)
     assert signal.getsignal(signal.SIGINT) is heard
 
 
@@ -129,15 +126,12 @@ def _block_the_interpreter(pid: Path) -> None:
 def close_while_blocked(pid: Path) -> None:
     """A program that closes its worker as soon as that is blocked, and ends."""
 
-    async def whole() -> None:
-        worker = Worker()
+    async def begin(worker: Worker) -> None:
         work = asyncio.ensure_future(worker.run(_block_the_interpreter, pid))
-        while not pid.exists():
-            await asyncio.sleep(0.01)
+        await until_exists(pid)
         work.cancel()
-        worker.close()
 
-    asyncio.run(whole())
+    run(begin)
 
 
 def test_a_program_ends_although_a_library_blocks_its_worker(tmp_path: Path) -> None:
@@ -167,8 +161,7 @@ def test_an_error_of_a_function_is_raised_and_the_worker_continues() -> None:
     def refuse(*_: object) -> None:
         raise LookupError
 
-    async def whole() -> tuple[int, int]:
-        worker = Worker()
+    async def fail(worker: Worker) -> None:
         first = await worker.run(os.getpid)
         for error, raised in ((ZeroDivisionError, ZeroDivisionError), (Unpicklable, RuntimeError)):
             with pytest.raises(raised):
@@ -176,10 +169,9 @@ def test_an_error_of_a_function_is_raised_and_the_worker_continues() -> None:
         with pytest.raises(LookupError):
             await worker.run_with_progress(refuse, _report_badly)
         last = await worker.run(os.getpid)
+        assert first != last, "what a function sends after an error of its observer is discarded with its process"
         worker.close()
         with pytest.raises(WorkerKilled):
             await worker.run(os.getpid)
-        return first, last
 
-    first, last = asyncio.run(whole())
-    assert first != last, "what a function sends after an error of its observer is discarded with its process"
+    run(fail)
