@@ -144,13 +144,10 @@ def test_a_missing_or_broken_file_is_refused(tmp_path: Path) -> None:
             load_config(tmp_path / "broken.toml")
 
 
-def test_the_example_configuration_loads() -> None:
-    config = load_config(Path(__file__).parents[2] / "station.toml")
-    assert sorted(config.cuffs) == ["elbow", "hand", "tube", "waist"]
-
-
-def test_the_example_s_sections_for_the_wearer_load_once_they_are_uncommented() -> None:
-    example = (Path(__file__).parents[2] / "station.toml").read_text(encoding="utf-8")
+def test_the_example_has_four_cuffs_and_its_sections_for_the_wearer_load_once_they_are_uncommented() -> None:
+    path = Path(__file__).parents[2] / "station.toml"
+    assert sorted(load_config(path).cuffs) == ["elbow", "hand", "tube", "waist"]
+    example = path.read_text(encoding="utf-8")
     section = example[example.index("# [body]") : example.index("# [analog")]
     of_outlets = r"^# (?:stream|unit|sync_\w+) = .*\n"
     plain = re.sub(r"^# ", "", re.sub(of_outlets, "", section, flags=re.MULTILINE), flags=re.MULTILINE)

@@ -66,6 +66,30 @@ def test_a_command_imports_no_package_that_it_does_not_use(loaded: dict[str, set
     assert loaded[command] <= COMMANDS.get(command, set())
 
 
+UNUSED_BY_BENCH = {"scipy.constants", "scipy.linalg", "scipy.spatial", "pandas", "rich", "nicegui"}
+PROGRAMS: tuple[dict[str, set[str]], ...] = (
+    {
+        "station.session.trial_daemon": {"scipy", "numba", "pandas", "rich", "nicegui"},
+        "station.terminal.sequencer": {"scipy.signal", "scipy.stats", "numba"},
+        "station.console.server": {"scipy.signal", "scipy.stats", "numba"},
+    },
+    {"station.bench.simulator_process": UNUSED_BY_BENCH},
+)
+"""Imported by a process in this order → what is not imported then. An operator waits for it before every trial."""
+
+
+@pytest.mark.parametrize("modules", PROGRAMS, ids=["station", "simulated bench"])
+def test_recorder_terminal_console_and_simulated_bench_start_without_the_packages_of_fits(
+    modules: dict[str, set[str]],
+) -> None:
+    code = "import importlib, sys\n" + "".join(
+        f"importlib.import_module({module!r})\nprint(*{unused} & sys.modules.keys())\n"
+        for module, unused in modules.items()
+    )
+    ran = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)  # noqa: S603
+    assert dict(zip(modules, ran.stdout.split("\n"), strict=False)) == dict.fromkeys(modules, "")
+
+
 @pytest.mark.skipif(sys.platform == "win32", reason="RLIMIT_AS is a limit of POSIX")
 @pytest.mark.parametrize(
     ("megabytes", "command", "code"),

@@ -37,6 +37,7 @@ from tests.refusals import raises_refusal
 from tests.station.fake_devices import view
 from tests.timeout import scaled_timeout
 
+MakeBench = Callable[..., Bench]
 SHORT = {"static": {"lead_in_s": 1.0, "hold_s": 2.0, "step_masses_kg": [3.0]}}
 SPEC = TrialSpec("waist", "static", 1)
 
@@ -63,7 +64,7 @@ def config_for(ports: dict[str, int]) -> StationConfig:
     )
 
 
-def test_a_trial_holds_blocks_of_the_world_s_time(simulated_bench: Callable[..., Bench], tmp_path: Path) -> None:
+def test_a_trial_holds_blocks_of_the_world_s_time(simulated_bench: MakeBench, tmp_path: Path) -> None:
     bench = simulated_bench(protocol=SHORT)
     with BenchClock(bench.ports["clock"]) as clock:
         result = TrialRecorder(config_for(bench.ports), clock).record(tmp_path, SPEC)
@@ -76,9 +77,7 @@ def test_a_trial_holds_blocks_of_the_world_s_time(simulated_bench: Callable[...,
     assert len({(block.stream, block.host_time_ns) for block in blocks}) == len(blocks), "one of each stream in a step"
 
 
-def test_a_trial_at_a_pace_has_the_blocks_of_a_real_bench(
-    simulated_bench: Callable[..., Bench], tmp_path: Path
-) -> None:
+def test_a_trial_at_a_pace_has_the_blocks_of_a_real_bench(simulated_bench: MakeBench, tmp_path: Path) -> None:
     bench = simulated_bench(speed=20, protocol=SHORT)
     with BenchClock(bench.ports["clock"], speed=4.0) as clock:
         assert bench.clock.speed == 4.0
@@ -102,7 +101,7 @@ def test_a_server_that_is_not_a_clock_is_refused() -> None:
 
 
 def test_the_telemetry_has_the_rate_of_a_bench_that_is_too_slow(
-    simulated_bench: Callable[..., Bench], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    simulated_bench: MakeBench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     wall_s = [0.0]
     monkeypatch.setattr(bench_clock.time, "perf_counter", lambda: wall_s[0])
@@ -134,9 +133,7 @@ def test_a_simulator_that_is_killed_ends_the_trial_as_a_lost_device_does(tmp_pat
     assert contents.complete and contents.streams["/force"].samples > 1000
 
 
-def test_a_second_station_is_refused_and_the_first_continues(
-    simulated_bench: Callable[..., Bench], tmp_path: Path
-) -> None:
+def test_a_second_station_is_refused_and_the_first_continues(simulated_bench: MakeBench, tmp_path: Path) -> None:
     bench = simulated_bench(protocol=SHORT)
     refused: list[str] = []
 
@@ -154,7 +151,7 @@ def test_a_second_station_is_refused_and_the_first_continues(
     assert not list((tmp_path / "other").glob("*.mcap"))
 
 
-def test_another_reader_of_qtm_sees_every_frame_too(simulated_bench: Callable[..., Bench], tmp_path: Path) -> None:
+def test_another_reader_of_qtm_sees_every_frame_too(simulated_bench: MakeBench, tmp_path: Path) -> None:
     bench = simulated_bench(protocol=SHORT)
     other = Qualisys(host="127.0.0.1", port=bench.ports["qtm"], host_clock=time.time_ns)
     other.open()
@@ -171,7 +168,7 @@ def test_another_reader_of_qtm_sees_every_frame_too(simulated_bench: Callable[..
 
 
 def test_a_client_that_never_reads_is_dropped_and_the_world_continues(
-    simulated_bench: Callable[..., Bench], caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+    simulated_bench: MakeBench, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(world_clock, "DROP_AFTER_S", 0.1)
     bench = simulated_bench(operator={"capture": "remote"}, mocap={"has_preview": True, "rate_hz": 2000})
@@ -198,7 +195,7 @@ def test_without_a_simulated_bench_the_clock_is_refused() -> None:
         BenchClock(port).__enter__()
 
 
-def test_a_detached_clock_does_not_advance_the_world(simulated_bench: Callable[..., Bench]) -> None:
+def test_a_detached_clock_does_not_advance_the_world(simulated_bench: MakeBench) -> None:
     clock = BenchClock(simulated_bench().ports["clock"])
     with clock:
         clock.step()

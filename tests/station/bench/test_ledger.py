@@ -9,7 +9,6 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
 
 import pytest
 
@@ -36,6 +35,7 @@ from station.messages.bench_messages import TrialCode
 from station.protocol import TrialSpec
 from tests.timeout import scaled_timeout
 
+MakeBench = Callable[..., Bench]
 ANCHOR = ["anchor_1", "anchor_2", "anchor_3", "anchor_4"]
 FAULTS = [
     {"device": "ni", "fault": "overrun", "at_s": 3.0},
@@ -49,7 +49,7 @@ FAULTS = [
 
 
 def test_every_lost_sample_is_counted_under_many_faults(
-    simulated_bench: Callable[..., Bench], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    simulated_bench: MakeBench, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     bench = simulated_bench(faults=FAULTS, protocol={"static": {"hold_s": 3.5}})
     result = recorded(bench, tmp_path)
@@ -69,22 +69,21 @@ def test_every_lost_sample_is_counted_under_many_faults(
 
 
 @pytest.mark.parametrize(
-    ("fault", "missing", "rate_hz"),
-    [
-        ({"device": "ni", "fault": "unplug"}, ("/force", "/sync"), 1000.0),
-        ({"device": "qtm", "fault": "restart"}, ("/markers",), 100.0),
-    ],
-    ids=lambda value: str(value) if isinstance(value, tuple) else "",
+    ("device", "fault", "missing", "rate_hz"),
+    [("ni", "unplug", ("/force", "/sync"), 1000.0), ("qtm", "restart", ("/markers",), 100.0)],
 )
 def test_the_samples_of_a_lost_device_are_counted_up_to_the_end_of_the_trial(
-    simulated_bench: Callable[..., Bench],
+    simulated_bench: MakeBench,
     tmp_path: Path,
     capsys: pytest.CaptureFixture[str],
-    fault: dict[str, Any],
+    device: str,
+    fault: str,
     missing: tuple[str, ...],
     rate_hz: float,
 ) -> None:
-    bench = simulated_bench(faults=[{**fault, "at_s": 6.0, "for_s": 1e6}], protocol={"static": {"hold_s": 60.0}})
+    bench = simulated_bench(
+        faults=[{"device": device, "fault": fault, "at_s": 6.0, "for_s": 1e6}], protocol={"static": {"hold_s": 60.0}}
+    )
     result = recorded(bench, tmp_path)
     assert result.path is not None and not result.accepted
     assert [message.code for message in result.messages] == [TrialCode.DEVICE_LOST]
@@ -218,15 +217,11 @@ def test_a_full_queue_pauses_the_device_without_a_loss_and_its_feed_ends(
 
 
 def test_a_device_that_does_not_finish_a_round_no_longer_delays_later_rounds(monkeypatch: pytest.MonkeyPatch) -> None:
-    class Frozen(Scripted):
-        def read(self, timeout_s: float) -> Sequence[Item]:
-            self.closed.wait()
-            return []
-
     now_s = [0.0]
     clock = SimpleNamespace(perf_counter=lambda: now_s[0], sleep=time.sleep)
     monkeypatch.setattr(station.bench.feed, "time", clock)
-    device = Frozen([])
+    device = Scripted([])
+    monkeypatch.setattr(device, "read", lambda _: device.closed.wait() and [])  # it is frozen
     feed = SteppedFeed(device)
     feed.start()
     feed.begin_round({})

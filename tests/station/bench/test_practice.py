@@ -41,6 +41,8 @@ from tests.station.child_process import press
 from tests.station.command import Ran
 from tests.station.fake_devices import view
 
+Station = Callable[..., Ran]
+MakeBench = Callable[..., Bench]
 CONFIG = """
 [daq]
 grpc_target = "127.0.0.1:{ni}"
@@ -74,7 +76,7 @@ def config_for(bench: Bench) -> StationConfig:
 
 @pytest.mark.parametrize("into_the_capture_s", [0.1, 5.0, 10.9])
 def test_a_trial_that_arms_in_the_middle_of_a_capture_records_the_next_one_whole(
-    simulated_bench: Callable[..., Bench], station: Callable[..., Ran], tmp_path: Path, into_the_capture_s: float
+    simulated_bench: MakeBench, station: Station, tmp_path: Path, into_the_capture_s: float
 ) -> None:
     bench = simulated_bench(bounce=BOUNCE)
     bench.world.select_trial(None, "bounce")
@@ -97,7 +99,7 @@ def test_a_trial_that_arms_in_the_middle_of_a_capture_records_the_next_one_whole
 
 
 def test_the_calibration_of_the_readme_s_walk_is_used_by_the_fit(
-    simulated_bench: Callable[..., Bench], station: Callable[..., Ran], tmp_path: Path
+    simulated_bench: MakeBench, station: Station, tmp_path: Path
 ) -> None:
     bench = simulated_bench(speed=40.0, bounce={**BOUNCE, "bounce_s": 28.0}, protocol={"static": STATIC})
     bench.world.select_trial(None, "bounce")
@@ -115,7 +117,7 @@ def test_the_calibration_of_the_readme_s_walk_is_used_by_the_fit(
 
 
 def test_a_known_mass_on_the_simulated_cell_is_right(
-    simulated_bench: Callable[..., Bench], station: Callable[..., Ran], tmp_path: Path
+    simulated_bench: MakeBench, station: Station, tmp_path: Path
 ) -> None:
     bench = simulated_bench(speed=5.0, bounce=BOUNCE)
     bench.world.select_trial(None, "bounce")
@@ -132,7 +134,7 @@ def test_a_known_mass_on_the_simulated_cell_is_right(
 
 
 def test_record_uses_the_clock_of_the_simulated_bench_of_its_configuration_only(
-    simulated_bench: Callable[..., Bench], tmp_path: Path
+    simulated_bench: MakeBench, tmp_path: Path
 ) -> None:
     bench, other = simulated_bench(), simulated_bench()
     assert is_served_by_simulator(load_config(written(bench, tmp_path)))
@@ -142,7 +144,7 @@ def test_record_uses_the_clock_of_the_simulated_bench_of_its_configuration_only(
 
 
 def test_the_simulated_operator_begins_the_next_capture_seconds_after_the_last(
-    simulated_bench: Callable[..., Bench], tmp_path: Path
+    simulated_bench: MakeBench, tmp_path: Path
 ) -> None:
     bench = simulated_bench(bounce=BOUNCE)
     bench.world.select_trial(None, "bounce")

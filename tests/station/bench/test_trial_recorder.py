@@ -17,6 +17,7 @@ from unittest.mock import Mock
 
 import numpy as np
 import pytest
+from rich.console import Console
 
 from documents.message import Message
 from drivers.device import Device
@@ -26,10 +27,11 @@ from fitting.results.trial_codes import RejectionCode
 from fitting.trial.trial import RejectedTrial, read_alone
 from recordings import writer
 from recordings.manifest import CuffSite
-from recordings.reader import TrackCollector, open_recording
+from recordings.reader import open_recording
 from recordings.samples import Event, Item, Samples
 from recordings.writer import BackgroundSync
 from station.bench import feed, session_folder
+from station.bench.live import LiveView
 from station.bench.trial_recorder import TrialRecorder, TrialRefused, TrialResult
 from station.bench.view import Snapshot, TrialState
 from station.clock import Clock, ManualClock
@@ -98,8 +100,7 @@ def test_a_clock_set_back_between_two_trials_is_reported_and_keeps_their_order(t
     assert codes(second) == [TrialCode.CAPTURE_ENDED, TrialCode.CLOCK_SET_BACK]
     recordings = [open_recording(path) for path in (first.path, second.path)]
     assert recordings[0].manifest.start_utc_ns < recordings[1].manifest.start_utc_ns
-    kinds = [item.kind for item in recordings[1].items() if isinstance(item, Event)]
-    assert "clock_set_back" in kinds
+    assert "clock_set_back" in [event.kind for event in events_of(second.path)]
 
 
 def test_no_edge_leaves_no_file(tmp_path: Path) -> None:
@@ -119,25 +120,15 @@ def test_the_operator_s_mark_is_in_the_file_and_a_stop_keeps_what_was_recorded(t
     recorder = Rig().recorder(view(mark_and_stop))
     result = recorder.record(tmp_path, SPEC)
     assert result.accepted and codes(result) == [TrialCode.OPERATOR_STOP] and result.path is not None
-    events = [item for item in open_recording(result.path).items() if isinstance(item, Event)]
-    assert next(event.text for event in events if event.kind == "mark") == "mark 1"
+    assert [event.text for event in events_of(result.path) if event.kind == "mark"] == ["mark 1"]
 
 
-def test_an_error_of_one_device_closes_the_others(tmp_path: Path) -> None:
-    def spoil(daq: FakeDaq) -> None:
-        daq._fails = DeviceUnavailable("NI Fake1: no server answers at 127.0.0.1:1", DeviceCode.NO_SERVER)
-
-    rig = Rig(prepare=spoil)
+def test_an_error_of_one_device_leaves_no_file_before_the_trial_and_a_readable_one_during_it(tmp_path: Path) -> None:
+    unavailable = DeviceUnavailable("NI Fake1: no server answers at 127.0.0.1:1", DeviceCode.NO_SERVER)
     with raises_refusal(DeviceCode.NO_SERVER, kind=DeviceUnavailable):
-        rig.recorder().record(tmp_path, SPEC)
+        Rig(prepare=lambda daq: setattr(daq, "_fails", unavailable)).recorder().record(tmp_path, SPEC)
     assert not list(tmp_path.glob("*.mcap"))
-
-
-def test_a_device_lost_during_a_trial_leaves_a_readable_file_that_is_not_accepted(tmp_path: Path) -> None:
-    def spoil(daq: FakeDaq) -> None:
-        daq.lost_after = 22_000
-
-    result = Rig(prepare=spoil).recorder().record(tmp_path, SPEC)
+    result = Rig(prepare=lambda daq: setattr(daq, "lost_after", 22_000)).recorder().record(tmp_path, SPEC)
     assert not result.accepted and result.path is not None
     assert codes(result) == [TrialCode.DEVICE_LOST]
     assert result.to_json()["codes"][0]["figures"]["reason_code"] == DeviceCode.LOST
@@ -219,17 +210,9 @@ def test_a_file_that_may_not_grow_ends_the_trial_at_once_and_names_the_last_good
 
 
 def test_a_blocked_view_does_not_affect_the_recording(tmp_path: Path) -> None:
-    from rich.console import Console
-
-    from station.bench.live import LiveView
-
-    class StuckTerminal(Console):
-        def print(self, *args: object, **kwargs: object) -> None:
-            released.wait()
-
-    released = threading.Event()
-    rig = Rig()
-    stuck = LiveView(rig.clock, "test", StuckTerminal(force_terminal=False))
+    released, rig, terminal = threading.Event(), Rig(), Console(force_terminal=False)
+    terminal.print = lambda *_, **__: released.wait()  # type: ignore[method-assign]
+    stuck = LiveView(rig.clock, "test", terminal)
     stuck.__enter__()
     result = rig.recorder(stuck).record(tmp_path, SPEC)
     released.set()  # a recorder that waited for the terminal would never come here
@@ -239,6 +222,10 @@ def test_a_blocked_view_does_not_affect_the_recording(tmp_path: Path) -> None:
 
 def codes(result: TrialResult) -> list[TrialCode]:
     return [message.code for message in result.messages]
+
+
+def events_of(path: Path) -> list[Event]:
+    return [item for item in open_recording(path).items() if isinstance(item, Event)]
 
 
 def recorded(
@@ -311,9 +298,7 @@ def test_a_capture_without_frame_numbers_is_recorded_to_its_end_and_has_two_line
     result = recorded(tmp_path, FakeCapture, 5.0, partial(Renumbered, numbering=np.ones_like), offered)
     assert not result.accepted and result.path is not None
     assert codes(result) == [TrialCode.CAPTURE_ENDED, TrialCode.FRAMES_RENUMBERED]
-    collector = TrackCollector(result.path)
-    open_recording(result.path, collector.take)
-    events = [event.text for event in collector.events() if event.kind == "numbering_restarted"]
+    events = [event.text for event in events_of(result.path) if event.kind == "numbering_restarted"]
     assert len(events) == 2 and events[1].startswith("399 times")
     assert sum(isinstance(item, Event) and item.kind == "numbering_restarted" for item in shown) == 1
 
@@ -342,9 +327,7 @@ def test_a_numbering_of_frames_is_accepted_exactly_if_the_fit_can_read_it(tmp_pa
     assert result.path is not None and result.accepted == is_sound, result.sentence
     assert isinstance(read_alone(result.path), RejectedTrial) != is_sound
     assert result.lost_samples <= 400, "the rate allows no more in 4 s"
-    collector = TrackCollector(result.path)
-    open_recording(result.path, collector.take)
-    assert sum(event.kind in ("numbering_restarted", "time_stamps_jumped") for event in collector.events()) <= 4
+    assert sum(event.kind in ("numbering_restarted", "time_stamps_jumped") for event in events_of(result.path)) <= 4
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows does not rename a folder with an open file")

@@ -36,6 +36,7 @@ from station.session.reviewer import adopt_recordings
 from station.session.trial_runner import ForceLimits, force_limits
 from tests.station.wearer import CYCLES, SPECS, WearerSession
 
+Judge = Callable[..., Judgement]
 RNG = np.random.default_rng(7)
 MASSES = (1.5, 1.5, 1.5)
 WEIGHT_N = 1.5 * 9.80665
@@ -45,12 +46,15 @@ PERIOD_S, HIGHEST_DEG = 4.0, 110.0
 POSE, UNSUITED, TIGHT = SPECS
 
 
-def cues_of(guide: Guide, until_s: float, force: Callable[[float], float], start_s: float = 0.0) -> list[Cue]:
+def cues_of(
+    guide: Guide, until_s: float, force: Callable[[float], float], noise_n: float = 0.05, *, is_recorded: bool = True
+) -> list[Cue]:
     """The cue after every 0.1 s of a force with some noise, 40 points a second."""
     cues = []
-    for block in np.arange(start_s, until_s, 0.1):
+    for block in np.arange(0.0, until_s, 0.1):
         times = block + np.arange(4) * 0.025
-        guide.update([(float(t), force(float(t)) + float(RNG.normal(0, 0.05))) for t in times])
+        points = [(float(t), force(float(t)) + float(RNG.normal(0, noise_n))) for t in times]
+        guide.update(points, is_recorded=is_recorded)
         cues.append(guide.cue())
     return cues
 
@@ -91,12 +95,15 @@ def test_a_static_trial_is_guided_step_by_step() -> None:
     assert not any(cue.is_done for cue in cues[: len(cues) // 2])
 
 
-def test_the_hold_counts_down_only_while_the_force_rests_at_its_level() -> None:
+def test_the_hold_counts_down_only_while_the_force_rests_and_an_operator_who_is_ahead_is_followed() -> None:
     guide = StaticGuide(MASSES, 8.0)
     cues = cues_of(guide, 20.0, steps_of([0.0, WEIGHT_N, WEIGHT_N, WEIGHT_N], 5.0))
     first_level = [cue for cue in cues if cue.step == 1]
     assert {cue.left_s for cue in first_level if cue.rest is not RestState.STEADY} == {7.0}
     assert min(cue.left_s for cue in first_level if cue.left_s is not None) < 1.0
+    guide = StaticGuide(MASSES, 30.0)
+    cues = cues_of(guide, 20.0, steps_of([0.0, WEIGHT_N, 2 * WEIGHT_N, 2 * WEIGHT_N], 5.0))
+    assert instructions(cues)[-1] == (CueCode.ADD_WEIGHT, 2, 31)
 
 
 @pytest.mark.parametrize("noise_n", [0.3, 0.6, 1.0])
@@ -109,21 +116,12 @@ def test_amplifier_noise_does_not_delay_a_hold(noise_n: float) -> None:
     assert 0.1 * held < 6.0 + 7.0 + 1.0, "seven seconds from the hand-over, and not begun again"
 
 
-def test_the_guide_follows_an_operator_who_is_ahead() -> None:
-    guide = StaticGuide(MASSES, 30.0)
-    cues = cues_of(guide, 20.0, steps_of([0.0, WEIGHT_N, 2 * WEIGHT_N, 2 * WEIGHT_N], 5.0))
-    assert instructions(cues)[-1] == (CueCode.ADD_WEIGHT, 2, 31)
-
-
-def test_a_weight_hung_before_the_recording_is_not_taken_as_the_empty_hook() -> None:
+def test_the_empty_hook_is_measured_again_after_arming_and_a_weight_hung_before_is_none() -> None:
     guide = StaticGuide(MASSES, 3.0)
     guide.update([(t, 2.0) for t in np.arange(-3.0, 0.0, 0.025).tolist()], is_recorded=False)
     assert guide.cue().message == Message(CueCode.EMPTY_HOOK)
     cues = cues_of(guide, 10.0, steps_of([WEIGHT_N, 2 * WEIGHT_N], 5.0))
     assert instructions(cues)[-2:] == [(CueCode.ADD_WEIGHT, 2, 31), (CueCode.ADD_WEIGHT, 3, 46)]
-
-
-def test_the_empty_hook_is_measured_again_after_arming() -> None:
     guide = StaticGuide(MASSES, 4.0)
     guide.update([(t, 0.0) for t in np.arange(-3.0, 0.0, 0.025).tolist()], is_recorded=False)
     cues = cues_of(guide, 5.0, lambda _: 9.0)
@@ -205,12 +203,9 @@ def test_the_force_ceiling_follows_a_small_load_cell() -> None:
     assert (force_limits(usual).force_n, force_limits(usual).capacity_n) == (150.0, approx(50 * 9.80665))
 
 
-def test_the_stages_of_a_trial_are_named_from_the_first_to_the_last() -> None:
+def test_the_stages_of_a_trial_are_named_and_a_bounce_has_no_wearer_to_stand_still() -> None:
     assert StaticGuide((1.0, 1.0), 7.0).stages == ("empty", "+1", "+2", "\u22122", "\u22121")
     assert SwingGuide(20.0).stages == ("stand still", "swing", "rest")
-
-
-def test_a_bounce_has_no_wearer_to_stand_still() -> None:
     bounce = guide_for("bounce", ProtocolSection())
     assert bounce.stages == ("hang still", "bounce", "rest")
     cues = cues_of(bounce, 5.0, lambda _: 25.0)
@@ -225,12 +220,7 @@ def raising(time: float) -> float:
 def cues_at(
     guide: Guide, elevation: Callable[[float], float], until_s: float, *, is_recorded: bool = True
 ) -> list[Cue]:
-    """The cue after every 0.1 s of 40 points a second."""
-    cues = []
-    for block in np.arange(0.0, until_s, 0.1):
-        guide.update([(float(t), elevation(float(t))) for t in block + np.arange(4) / 40], is_recorded=is_recorded)
-        cues.append(guide.cue())
-    return cues
+    return cues_of(guide, until_s, elevation, 0.0, is_recorded=is_recorded)
 
 
 def test_a_pose_is_held_for_its_duration_of_recording_and_an_arm_that_moves_is_shown_as_moving() -> None:
@@ -298,7 +288,7 @@ def folder(wearer: WearerSession, tmp_path_factory: pytest.TempPathFactory) -> P
 
 
 @pytest.fixture
-def judged(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Judgement]:
+def judged(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Judge:
     """The judgement of a trial that was changed after it was read."""
 
     def judge(spec: TrialSpec, change: Callable[[WearerTrial], WearerTrial] = lambda trial: trial) -> Judgement:
@@ -314,16 +304,14 @@ def quantities(judgement: Judgement) -> dict[str, str]:
     return {row.quantity: row.this for row in judgement.rows}
 
 
-def test_a_motion_is_drawn_with_its_elevation_its_emg_and_the_force_of_the_cord_alone(
-    judged: Callable[..., Judgement],
-) -> None:
+def test_a_motion_is_drawn_with_its_elevation_its_emg_and_the_force_of_the_cord_alone(judged: Judge) -> None:
     axes = "elevation [°]", "EMG [µV]", "cord [N]"
     shown = [[axis in judged(spec).drawing for axis in axes] for spec in (POSE, UNSUITED, TIGHT)]
     assert shown == [[False, False, False], [True, True, False], [True, True, True]]
     assert judged(UNSUITED).drawing.count('quiet dotted"') == CYCLES
 
 
-def test_a_pose_is_accepted_with_its_largest_movement(judged: Callable[..., Judgement], wearer: WearerSession) -> None:
+def test_a_pose_is_accepted_with_its_largest_movement(judged: Judge, wearer: WearerSession) -> None:
     judgement = judged(POSE)
     assert (judgement.title, judgement.advice, judgement.reasons, judgement.grade) == ("pose", "accept", (), "good")
     trial = read_wearer_trial(wearer.path(POSE))
@@ -335,7 +323,7 @@ def test_a_pose_is_accepted_with_its_largest_movement(judged: Callable[..., Judg
     assert float(moved) == pytest.approx(ranges.max(), abs=1.5)
 
 
-def test_a_motion_is_accepted_with_its_cycles_force_and_emg(judged: Callable[..., Judgement]) -> None:
+def test_a_motion_is_accepted_with_its_cycles_force_and_emg(judged: Judge) -> None:
     judgement = judged(TIGHT)
     assert (judgement.title, judgement.reasons) == ("motion, suit, cord tight", ())
     shown = quantities(judgement)
@@ -357,7 +345,7 @@ def test_the_largest_emg_is_the_largest_spread_of_50_ms(wearer: WearerSession, t
     assert largest_emg(tmp_path / "none.mcap") == {}
 
 
-def test_a_motion_with_fewer_cycles_than_planned_is_to_be_redone(judged: Callable[..., Judgement]) -> None:
+def test_a_motion_with_fewer_cycles_than_planned_is_to_be_redone(judged: Judge) -> None:
     def one_cycle_less(trial: WearerTrial) -> WearerTrial:
         return replace(trial, cycles=trial.cycles[1:])
 
@@ -369,9 +357,7 @@ def test_a_motion_with_fewer_cycles_than_planned_is_to_be_redone(judged: Callabl
     assert contraction.reasons == (), "a maximal contraction has no cycles"
 
 
-def test_a_pose_with_a_marker_hidden_too_often_or_a_wearer_who_moves_is_to_be_redone(
-    judged: Callable[..., Judgement],
-) -> None:
+def test_a_pose_with_a_marker_hidden_too_often_or_a_wearer_who_moves_is_to_be_redone(judged: Judge) -> None:
     def hide(trial: WearerTrial) -> WearerTrial:
         markers = trial.markers.copy()
         markers[: len(markers) // 5, trial.labels.index("EpM")] = np.nan
@@ -387,7 +373,7 @@ def test_a_pose_with_a_marker_hidden_too_often_or_a_wearer_who_moves_is_to_be_re
     assert moved.code is ReasonCode.POSE_MOVES and moved.figures["range_mm"] == approx(200, abs=40)
 
 
-def test_emg_without_signal_or_clock_is_to_be_redone(judged: Callable[..., Judgement]) -> None:
+def test_emg_without_signal_or_clock_is_to_be_redone(judged: Judge) -> None:
     def unplug(trial: WearerTrial) -> WearerTrial:
         assert trial.emg is not None
         values = trial.emg.values.copy()

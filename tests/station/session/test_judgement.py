@@ -30,6 +30,7 @@ from station.session.fitted_judgement import LOADS_MISSING, SWING_MISSING, judge
 from station.session.judgement import Judgement, judgement_without_fit, notes_at_the_bench
 from tests.station.foreign import static_and_dynamic
 
+Judge = Callable[..., Judgement]
 FIT = "station.session.fitted_judgement.fit_trial_donning"
 STATIC, DYNAMIC = (f"cuff-hand_test-{test}_run-1.mcap" for test in ("static", "dynamic"))
 
@@ -61,7 +62,7 @@ def refit(fitted: SessionFit, monkeypatch: pytest.MonkeyPatch) -> Callable[..., 
 
 
 @pytest.fixture
-def judged(session: Path, fitted: SessionFit, refit: Callable[..., None]) -> Callable[..., Judgement]:
+def judged(session: Path, fitted: SessionFit, refit: Callable[..., None]) -> Judge:
     """The judgement of the static trial where its fit is changed, and other trials of its donning are added."""
 
     def judge(*others: TrialFit, **changes: Any) -> Judgement:
@@ -108,7 +109,7 @@ def test_a_good_trial_is_shown_with_its_figures_and_accepted(session: Path, fitt
     ],
 )
 def test_a_trial_without_a_result_with_slip_or_drift_is_to_be_redone(
-    judged: Callable[..., Judgement], changes: dict[str, Any], code: ReasonCode, figures: dict[str, Any]
+    judged: Judge, changes: dict[str, Any], code: ReasonCode, figures: dict[str, Any]
 ) -> None:
     judgement = judged(**changes)
     (reason,) = judgement.reasons
@@ -116,9 +117,7 @@ def test_a_trial_without_a_result_with_slip_or_drift_is_to_be_redone(
     assert {name: reason.figures[name] for name in figures} == figures
 
 
-def test_a_repeat_that_differs_from_the_earlier_ones_has_its_distance(
-    judged: Callable[..., Judgement], fitted: SessionFit
-) -> None:
+def test_a_repeat_that_differs_from_the_earlier_ones_has_its_distance(judged: Judge, fitted: SessionFit) -> None:
     mine = of(fitted, STATIC)
     assert mine.stiffness is not None
     theirs = estimate(1.2 * mine.stiffness.value, mine.stiffness.standard_error)
@@ -176,16 +175,14 @@ def test_only_a_checked_recording_without_a_problem_is_good(session: Path, refit
     assert replace(judge_recording(session, STATIC), advice="redo").grade == "bad"
 
 
-def test_repeats_that_agree_are_accepted_and_a_replaced_one_is_not_compared(
-    judged: Callable[..., Judgement], fitted: SessionFit
-) -> None:
+def test_repeats_that_agree_are_accepted_and_a_replaced_one_is_not_compared(judged: Judge, fitted: SessionFit) -> None:
     mine = of(fitted, STATIC)
     assert judged(replace(mine, file="2.mcap", repeat=2)).advice == "accept"
     assert judged(replace(mine, file="2.mcap", state="superseded", stiffness=estimate(1.0, 0.1))).advice == "accept"
 
 
 def test_the_step_at_which_a_trial_ended_leads_and_its_consequences_are_notes(
-    judged: Callable[..., Judgement], monkeypatch: pytest.MonkeyPatch
+    judged: Judge, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     cause = Message(ReasonCode.WEIGHTS_MISSING, {"found": 2, "planned": 5})
     monkeypatch.setattr("station.session.fitted_judgement.find_unfinished", lambda _: cause)
@@ -206,7 +203,7 @@ def test_a_dynamic_trial_whose_lag_is_unknown_is_doubtful_and_not_redone(
     assert judgement.verdicts == (Verdict.LAG,)
 
 
-def test_an_unusable_trial_has_its_reason(judged: Callable[..., Judgement]) -> None:
+def test_an_unusable_trial_has_its_reason(judged: Judge) -> None:
     judgement = judged(state="unusable", reason=Note(RejectionCode.NO_MOTION))
     figures = {"reason": str(Note(RejectionCode.NO_MOTION)), "reason_code": "rejected.no_motion"}
     assert (judgement.advice, judgement.reasons) == ("redo", (Message(ReasonCode.UNUSABLE, figures),))
@@ -277,7 +274,7 @@ def journal(session: Path) -> Iterator[Path]:
 
 
 def test_a_trial_that_the_recorder_did_not_accept_has_the_reason_of_the_recorder(
-    session: Path, judged: Callable[..., Judgement], journal: Path
+    session: Path, judged: Judge, journal: Path
 ) -> None:
     write_recorded(session, Recorded(STATIC, "hand", "static", 1, "1", False, 12, "NI Dev1 is gone: unplugged"))
     assert judged().reasons == (
@@ -319,7 +316,7 @@ def test_a_trial_that_was_not_accepted_has_one_reason(tmp_path: Path, monkeypatc
 
 
 def test_the_fit_of_a_trial_whose_recorder_was_killed_gives_notes_and_no_reasons(
-    session: Path, judged: Callable[..., Judgement], journal: Path
+    session: Path, judged: Judge, journal: Path
 ) -> None:
     """It lacks its last steps because of the kill, not because the operator left them out."""
     killed = Message(TrialCode.RECORDER_KILLED, {"kept_s": 15.0, "details": "damage at byte 185500"})

@@ -70,12 +70,7 @@ def session(tmp_path: Path):
 @pytest.mark.parametrize(
     ("setup", "done", "title", "prepared"),
     [
-        (
-            replace(SETUP, has_bounce=True),
-            0,
-            "bounce calibration",
-            f"Hang the 2.5 kg calibration weight {ON_SPRING}",
-        ),
+        (replace(SETUP, has_bounce=True), 0, "bounce calibration", f"Hang the 2.5 kg calibration weight {ON_SPRING}"),
         (SETUP, 0, "hand, static, repeat 1", "Don the hand cuff, rope slack"),
         (ONE_CUFF, 0, "hand, static, repeat 1", "Don the hand cuff, rope slack"),
         (SETUP, 1, "hand, dynamic, repeat 1", "Rope slack, wearer at ease"),

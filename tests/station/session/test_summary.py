@@ -191,13 +191,11 @@ def earlier(folder: Path, *cuffs: str) -> EarlierSessions:
     return EarlierSessions(list_sessions(folder), config_of(*cuffs))
 
 
-def test_the_first_session_has_the_plan_of_the_configuration(tmp_path: Path) -> None:
+def test_the_last_plan_or_that_of_the_configuration_is_suggested(tmp_path: Path) -> None:
+    """Without what the configuration no longer has."""
     suggested = earlier(tmp_path, "hand", "waist")
     assert suggested.setup == Setup("", "", ("hand", "waist"), 2, False, "1", (1.5,), ("unsuited", "tight"))
     assert (suggested.next_number("P01"), suggested.wearer("P01")) == ("1", Subject())
-
-
-def test_the_last_plan_is_suggested_without_what_the_configuration_no_longer_has(tmp_path: Path) -> None:
     add_session(tmp_path, Setup("P02", "late", ("waist", "tube"), 5, True, "1", (2.0, 2.0), ("slack",)), 2)
     add_session(tmp_path, Setup("P01", "early", ("hand",), 1), 1)
     expected = Setup("", "late", ("waist",), 5, False, "1", (2.0, 2.0), ("slack",))
