@@ -5,10 +5,11 @@ from __future__ import annotations
 import asyncio
 import threading
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from itertools import count
 from pathlib import Path
-from types import SimpleNamespace
+from unittest.mock import AsyncMock
 
 import pytest
 import qtm_rt
@@ -38,9 +39,10 @@ from station.terminal.events import (
 )
 from station.terminal.sequencer import SessionSequencer
 from tests.station.console.served import write_config
-from tests.station.terminal.practice import SETUP, Answer, lead, remote_bench
+from tests.station.terminal.practice import SETUP, Answer, ScriptedOutput, lead, remote_bench
 
 Told = Callable[[Event], bool]
+Rule = tuple[Told, str | Callable[[], object]]
 
 
 def nth(number: int, is_such: Told) -> Told:
@@ -57,7 +59,7 @@ def refused(number: int) -> Told:
     return nth(number, lambda event: isinstance(event, CommandAnswered) and event.is_refused)
 
 
-def answers(*rules: tuple[Told, str | Callable[[], object]]) -> Answer:
+def answers(*rules: Rule) -> Answer:
     """Each rule answers once; a function is done instead of a command given.
 
     Every trial is armed when it waits for that, and the session ends where it is summed up.
@@ -116,14 +118,10 @@ def test_commands_of_the_operator_are_executed_and_stored_in_the_journal(tmp_pat
     )
     with remote_bench(tmp_path / "bench") as (bench, config):
         output = lead(bench, config, tmp_path / "simulated" / "monday", script)
-    assert [answer.code for answer in output.of(CommandAnswered)] == [
-        CommandCode.REASON_MISSING,
-        CommandCode.LOSES_MIGRATION,
-    ]
-    assert [trial.order for trial in output.of(NextTrial)][-2:] == [
-        "Don the hand cuff, rope slack",
-        "Rope slack, wearer at ease",
-    ]
+    codes = [answer.code for answer in output.of(CommandAnswered)]
+    assert codes == [CommandCode.REASON_MISSING, CommandCode.LOSES_MIGRATION]
+    orders = [trial.order for trial in output.of(NextTrial)]
+    assert orders[-2:] == ["Don the hand cuff, rope slack", "Rope slack, wearer at ease"]
     journal = read_journal(tmp_path / "simulated" / "monday")
     assert journal.donnings == {"hand": 1} and [spec.test for spec in journal.skipped] == ["dynamic"]
     assert list(journal.redone.values()) == ["the cuff sat askew"]
@@ -150,9 +148,8 @@ def test_a_recording_with_reasons_to_redo_waits_for_a_decision_here_or_elsewhere
         )
         output = lead(bench, config, folder, script)
     assert output.of(VerdictGiven)[0].advice == "redo" and output.of(VerdictGiven)[0].reasons
-    assert [(one.choice, one.reason, one.by) for one in output.of(Decided)] == [
-        ("redo", "stopped by mistake", "elsewhere")
-    ]
+    (decided,) = output.of(Decided)
+    assert (decided.choice, decided.reason, decided.by) == ("redo", "stopped by mistake", "elsewhere")
 
 
 @pytest.mark.slow
@@ -200,35 +197,30 @@ def test_the_plan_is_reordered_and_any_trial_skipped_or_redone_by_its_number(tmp
 
 
 @pytest.fixture
-def refuse(monkeypatch: pytest.MonkeyPatch) -> Callable[[str], None]:
-    """Every recorder refuses its trial with this code; another attempt fails the test."""
+def refused_by(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., ScriptedOutput]:
+    """A session whose recorders refuse every trial with this code; another attempt fails the test."""
 
-    def refuse(code: str) -> None:
-        async def follow(_: object) -> None: ...
+    def lead_refused(code: str, *rules: Rule, wait: object = None) -> ScriptedOutput:
+        process = AsyncMock(recorded=None, refusal="not recorded", refusal_code=code)
+        monkeypatch.setattr(TrialProcess, "start", AsyncMock(return_value=process))
+        monkeypatch.setattr(SessionSequencer, "_wait", wait)
+        return lead(None, load_config(write_config(tmp_path)), tmp_path / "monday", answers(*rules))
 
-        async def start(*_: object) -> SimpleNamespace:
-            return SimpleNamespace(recorded=None, refusal="not recorded", refusal_code=code, follow=follow)
-
-        monkeypatch.setattr(TrialProcess, "start", start)
-        monkeypatch.setattr(SessionSequencer, "_wait", None)
-
-    return refuse
+    return lead_refused
 
 
 def test_a_session_ends_if_its_folder_is_not_for_the_data_of_these_devices(
-    tmp_path: Path, refuse: Callable[[str], None]
+    refused_by: Callable[..., ScriptedOutput],
 ) -> None:
     """Every further attempt would be refused, too."""
-    refuse(RefusalCode.SIMULATED_DEVICES)
-    config = load_config(write_config(tmp_path))
-    output = lead(None, config, tmp_path / "monday", answers())
+    output = refused_by(RefusalCode.SIMULATED_DEVICES)
     (warning,) = output.of(WarningRaised)
     assert (warning.cause, warning.retry_s) == (RefusalCode.SIMULATED_DEVICES, None)
     assert output.events[-1] == output.of(SessionClosed)[0]
 
 
 def test_a_session_without_operator_ends_if_a_device_is_missing_for_ten_minutes(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, refuse: Callable[[str], None]
+    monkeypatch: pytest.MonkeyPatch, refused_by: Callable[..., ScriptedOutput]
 ) -> None:
     """The reason is shown at once and about once a minute."""
     waits: list[float] = []
@@ -237,12 +229,8 @@ def test_a_session_without_operator_ends_if_a_device_is_missing_for_ten_minutes(
         waits.append(seconds)
         await asyncio.sleep(0)
 
-    refuse(DeviceCode.NO_ANSWER)
-    monkeypatch.setattr(SessionSequencer, "_wait", wait)
     monkeypatch.setattr("station.terminal.sequencer.POLL_S", 0.001)
-    config = load_config(write_config(tmp_path))
-    script = answers((lambda event: isinstance(event, SessionOpened), ""))
-    output = lead(None, config, tmp_path / "monday", script)
+    output = refused_by(DeviceCode.NO_ANSWER, (lambda event: isinstance(event, SessionOpened), ""), wait=wait)
     assert waits[:5] == [2.0, 4.0, 8.0, 15.0, 15.0]
     assert 500.0 < sum(waits) < 600.0
     warnings = output.of(WarningRaised)
@@ -252,11 +240,9 @@ def test_a_session_without_operator_ends_if_a_device_is_missing_for_ten_minutes(
 
 
 def test_a_recorded_trial_whose_result_cannot_be_read_is_not_tried_again(
-    tmp_path: Path, refuse: Callable[[str], None]
+    refused_by: Callable[..., ScriptedOutput],
 ) -> None:
-    refuse(RefusalCode.UNREADABLE_MESSAGE)
-    script = answers((warned("telemetry_unread"), "end"))
-    output = lead(None, load_config(write_config(tmp_path)), tmp_path / "monday", script)
+    output = refused_by(RefusalCode.UNREADABLE_MESSAGE, (warned("telemetry_unread"), "end"))
     (warning,) = output.of(WarningRaised)
     assert (warning.code, warning.cause) == ("telemetry_unread", RefusalCode.UNREADABLE_MESSAGE)
 
@@ -314,7 +300,7 @@ class _MocapOperator:
     """An operator of the mocap system, who uses the vendor's client."""
 
     def __init__(self, config: StationConfig) -> None:
-        self._config = config
+        self._port = config.mocap.port
 
     def start(self) -> None:
         self._do("new", "start")
@@ -323,25 +309,14 @@ class _MocapOperator:
         self._do("stop", "close")
 
     def _do(self, *commands: str) -> None:
-        failures: list[BaseException] = []
+        async def send() -> None:
+            connection = await qtm_rt.connect("127.0.0.1", self._port)
+            await connection.take_control("")
+            for command in commands:
+                await getattr(connection, command)()
+            await connection.release_control()
+            connection.disconnect()
+            await asyncio.sleep(0)  # for the transport to close
 
-        def work() -> None:
-            try:
-                asyncio.run(self._send(commands))
-            except BaseException as error:
-                failures.append(error)
-
-        thread = threading.Thread(target=work)
-        thread.start()
-        thread.join()
-        if failures:
-            raise failures[0]
-
-    async def _send(self, commands: tuple[str, ...]) -> None:
-        connection = await qtm_rt.connect("127.0.0.1", self._config.mocap.port)
-        await connection.take_control("")
-        for command in commands:
-            await getattr(connection, command)()
-        await connection.release_control()
-        connection.disconnect()
-        await asyncio.sleep(0)  # for the transport to close
+        with ThreadPoolExecutor(1) as beside_the_event_loop:
+            beside_the_event_loop.submit(asyncio.run, send()).result()
