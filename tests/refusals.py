@@ -33,7 +33,7 @@ _ROOTS: dict[type[StrEnum], type[Exception]] = {
 def raises_refusal(
     code: StrEnum, naming: str = "", *, kind: type[StationError] | None = None, **figures: object
 ) -> Iterator[pytest.ExceptionInfo[Exception]]:
-    """The block raises an error of this code and kind, in one line that names the file, key or value at fault."""
+    """The block raises an error of this code and kind with these figures, in one line that names what is at fault."""
     with pytest.raises(kind or _ROOTS[type(code)]) as caught:
         yield caught
     error = caught.value
@@ -41,8 +41,8 @@ def raises_refusal(
     assert naming in str(error)
     assert "\n" not in str(error)
     if figures:
-        found = error.reason.figures  # type: ignore[attr-defined]
-        assert {name: found[name] for name in figures} == figures
+        found = error.cause if isinstance(error, StationError) else error.reason  # type: ignore[attr-defined]
+        assert {name: found.figures[name] for name in figures} == figures  # type: ignore[union-attr]
 
 
 def figures_by_code(notes: Iterable[Note]) -> dict[TrialNoteCode, Figures]:

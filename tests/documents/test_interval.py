@@ -40,7 +40,7 @@ def test_a_scale_is_applied_before_rounding_and_a_negative_one_swaps_the_ends() 
 
 @pytest.mark.parametrize("write", [bracketed, plus_minus])
 @pytest.mark.parametrize("ci95", [None, (4.8703, 4.8703), (4.8703, math.nextafter(4.8703, 5.0))])
-def test_without_a_width_the_number_has_the_requested_digits(
+def test_without_a_width_the_digits_are_as_requested(
     write: Callable[..., str], ci95: tuple[float, float] | None
 ) -> None:
     assert write(4.8703, ci95) == "5"
@@ -70,9 +70,7 @@ def test_an_endless_interval_has_the_requested_digits(ends: tuple[float, float])
         ((0.86971, 0.87029), "87.0"),
     ],
 )
-def test_a_limited_number_of_digits_hides_an_interval_that_they_do_not_show(
-    ci95: tuple[float, float], text: str
-) -> None:
+def test_limited_digits_hide_an_interval_that_they_do_not_show(ci95: tuple[float, float], text: str) -> None:
     assert bracketed(0.87, ci95, 100.0, digits=1, is_limited=True) == text
 
 

@@ -38,7 +38,7 @@ FOLDERS = ("cuffstation", "station", "drivers", "recordings", "fitting", "solver
     ],
     ids=lambda value: str(value)[:12],
 )
-def test_a_text_beyond_the_limits_is_refused_with_a_code(
+def test_a_text_beyond_the_limits_is_refused(
     parse: Callable[[str | bytes], Any], content: str | bytes, code: PlainDataCode
 ) -> None:
     with raises_refusal(code, kind=PlainDataError):

@@ -38,7 +38,7 @@ class Wall:
 
 @pytest.mark.parametrize("held", ["draft", "cuffs.json"])
 @pytest.mark.parametrize("closes_at", [1, 5, 10_000])
-def test_an_open_file_is_replaced_once_it_is_closed_within_the_time_out(
+def test_an_open_file_is_replaced_once_closed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, held: str, closes_at: int
 ) -> None:
     draft, path = tmp_path / "draft", tmp_path / "cuffs.json"
@@ -68,9 +68,7 @@ def test_of_two_files_that_are_replaced_together_the_one_that_failed_is_named(tm
     assert failed.value.filename == str(page)
 
 
-def test_a_draft_of_a_killed_process_is_removed_by_the_next_one_and_that_of_a_living_process_is_not(
-    tmp_path: Path,
-) -> None:
+def test_the_draft_of_a_killed_process_is_removed_and_that_of_a_living_one_is_not(tmp_path: Path) -> None:
     path = tmp_path / "cuffs.json"
     draft = f"from documents.regular_file import *\nwith replaced(Path({str(path)!r})) as draft:"
     draft += "\n draft.write_text('half'); print(draft, flush=True); input()"
@@ -89,9 +87,7 @@ def test_a_draft_of_a_killed_process_is_removed_by_the_next_one_and_that_of_a_li
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="an open file is replaced there only after it is closed")
-def test_elsewhere_an_open_file_is_replaced_at_once_and_a_refusal_is_final(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_elsewhere_an_open_file_is_replaced_at_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     draft, path = tmp_path / "draft", tmp_path / "cuffs.json"
     draft.write_text("new")
     path.write_text("old")

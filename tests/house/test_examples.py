@@ -93,9 +93,7 @@ def test_the_notebook_of_forty_tasks_runs_and_keeps_its_results(tmp_path: Path) 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("page", ["gallery.md", "tutorial/analyst.md"])
-def test_the_code_of_a_page_runs_and_draws_its_pictures(
-    page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_code_of_a_page_draws_its_pictures(page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     text = (ROOT / "docs" / page).read_text(encoding="utf-8")
     names: dict[str, object] = {}

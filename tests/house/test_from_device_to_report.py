@@ -71,9 +71,7 @@ def test_a_session_becomes_cuffs_within_two_percent_and_a_report_of_what_they_do
     assert "http://" not in page and "https://" not in page, "self-contained"
 
 
-def test_a_fit_of_a_cut_recording_is_done_and_lossy(
-    session: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_fit_of_a_cut_recording_is_lossy(session: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     name = "cuff-waist_test-static_run-1.mcap"
     content = (session / name).read_bytes()
     codes = []

@@ -138,15 +138,13 @@ def test_rerun_s_viewer_listens_on_this_machine_and_sends_no_reports(monkeypatch
 @pytest.mark.parametrize("name", ["../hand", "a/b", "a\\b", "..", "", "C:x", "hand\n", "{0}"])
 def test_a_cuff_s_name_cannot_lead_out_of_the_session_s_folder(name: str) -> None:
     cuff = {"site": "arm", "anchor_markers": ["a", "b", "c"], "cuff_markers": ["d"]}
-    with raises_refusal(ConfigCode.WRONG_VALUE, kind=ConfigError) as caught:
+    with raises_refusal(ConfigCode.WRONG_VALUE, repr(name), kind=ConfigError):
         parse_config({"cuffs": {name: cuff}}, "t")
-    assert repr(name) in str(caught.value)
 
 
 @pytest.mark.parametrize("name", ["../other/x.mcap", "/etc/x.mcap", "..\\\\x.mcap", "C:x.mcap"])
 def test_a_journal_names_no_file_outside_its_folder(tmp_path: Path, name: str) -> None:
     line = f'{{"at": "2026-01-01", "kind": "verdict", "file": "{name}", "choice": "accept", "reason": ""}}\n'
     (tmp_path / JOURNAL_FILE).write_text(line)
-    with raises_refusal(JournalCode.WRONG_LINE, kind=JournalError) as caught:
+    with raises_refusal(JournalCode.WRONG_LINE, "line 1", kind=JournalError):
         read_journal(tmp_path)
-    assert "line 1" in str(caught.value)

@@ -106,9 +106,7 @@ def test_a_drive_that_refuses_to_flush_is_refused_before_the_first_trial(
     assert not list(tmp_path.rglob("*.mcap"))
 
 
-def test_a_clock_that_is_set_back_by_an_hour_between_two_trials_is_a_note_of_the_second(
-    tmp_path: Path, calls: Path
-) -> None:
+def test_a_clock_set_back_by_an_hour_between_two_trials_is_a_note_of_the_second(tmp_path: Path, calls: Path) -> None:
     write_config(tmp_path, hold_s=4.0, swing_s=5.0, migration_m=0.0)  # a trial begins at our command
     signal = tmp_path / "now"
     variables = {"LD_PRELOAD": str(calls), "CLOCK_SET_BACK_WITH": str(signal)}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from enum import StrEnum
 from functools import cache
@@ -25,9 +26,13 @@ class Ran:
     error: str = ""
 
 
-def assert_refused(ran: Ran, exit_code: int, code: StrEnum) -> None:
-    """The run failed with this exit code and one line on stderr, the sentence of this code."""
-    assert_one_sentence(ran, exit_code)
+Station = Callable[..., Ran]
+"""The fixture `station` of conftest.py: runs a verb with these arguments."""
+
+
+def assert_refused(ran: Ran, exit_code: int, code: StrEnum, *words: str) -> None:
+    """The run failed with this exit code and one line on stderr, the sentence of this code with these words."""
+    assert_one_sentence(ran, exit_code, *words)
     assert ran.error == code, ran.err
 
 

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -51,6 +52,13 @@ class Truth:
         values = track.values.astype(np.float64)
         time = (track.sample_numbers.astype(np.float64) - 1) / 100
         return MarkerTable(track.stream.labels, 100.0, time, values[..., :3], values[..., 3])
+
+    def with_track(self, name: str, kept: Any = slice(None), **changes: Any) -> Truth:
+        """With other values of a stream, and of its samples only those that are kept."""
+        track = replace(self.tracks[name], **changes)
+        fields = ("sample_numbers", "device_time_ns", "host_time_ns", "values")
+        track = replace(track, **{field: getattr(track, field)[kept] for field in fields})
+        return replace(self, tracks=self.tracks | {name: track})
 
     def write_csv(
         self, path: Path, *, has_sync: bool = True, newtons_per_unit: float = 1.0, column: str = "force_v"

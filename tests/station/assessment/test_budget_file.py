@@ -67,17 +67,12 @@ def test_missing_keys_keep_the_bundled_values(tmp_path: Path) -> None:
         ('[sample]\nmethod = "grid"\n', "sample.method"),
         ("donning = 3\n", "donning"),
         ("[donning\n", ""),
+        (None, "uncertainty.toml"),
     ],
 )
-def test_a_file_that_cannot_be_used_is_refused_by_its_key(tmp_path: Path, text: str, reason: str) -> None:
-    with raises_refusal(InputCode.BUDGET, kind=BudgetError) as caught:
-        read_budget(written(tmp_path, text))
-    assert reason in str(caught.value)
-
-
-def test_a_missing_file_is_refused(tmp_path: Path) -> None:
-    with raises_refusal(InputCode.BUDGET, kind=BudgetError):
-        read_budget(tmp_path / "none.toml")
+def test_a_file_that_cannot_be_used_is_refused_by_its_key(tmp_path: Path, text: str | None, reason: str) -> None:
+    with raises_refusal(InputCode.BUDGET, reason, kind=BudgetError):
+        read_budget(tmp_path / "uncertainty.toml" if text is None else written(tmp_path, text))
 
 
 @pytest.fixture(scope="module")
@@ -97,9 +92,7 @@ def test_repeated_donnings_of_the_assessed_session_replace_the_declared_spread(s
     assert entry.spread.ci95[0] < entry.spread.value < entry.spread.ci95[1]
 
 
-def test_cuffs_written_by_hand_keep_the_declared_spread_and_sessions_may_bring_donnings(
-    session: Path, tmp_path: Path
-) -> None:
+def test_cuffs_by_hand_keep_the_declared_spread_unless_sessions_have_donnings(session: Path, tmp_path: Path) -> None:
     cuffs = write_cuffs(tmp_path / "cuffs.json")
     alone, more = donning_sources(DECLARED, cuffs), donning_sources(DECLARED, cuffs, [session])
     assert alone.spread == DECLARED
@@ -129,13 +122,10 @@ def test_cuffs_drawn_about_an_estimated_spread_have_the_t_distribution_of_its_de
     factors = random_factors(sources, MODEL, (HAND,))
     scores = normal_scores(unit_sample(factors, 2000, "latin_hypercube", seed=2))
     assert len(factor_columns(factors, ["donning_spread"])) == 3
+    assert not len(factor_columns(CASE.factors, ["donning_spread"])), "a declared spread needs no further scores"
     drawn = [varied_cuff(HAND, sources.fit, donning, scores_by_factor(factors, row)) for row in scores]
     for name, spread, freedom in (("stiffness", 0.1, 5.0), ("damping", 0.2, np.inf), ("migration", 0.3, 12.0)):
         logs = np.log([getattr(cuff, name) / getattr(HAND, name) for cuff in drawn]) / (np.sqrt(2) * spread)
         if name == "stiffness":
             logs = logs[logs > np.log(0.05) / (np.sqrt(2) * spread) + 1e-9]  # the least stiffness of a drawn cuff
         assert stats.kstest(logs, stats.t(freedom).cdf).pvalue > 0.01
-
-
-def test_a_declared_spread_needs_no_further_scores() -> None:
-    assert not len(factor_columns(CASE.factors, ["donning_spread"]))

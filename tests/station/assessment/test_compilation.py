@@ -93,9 +93,7 @@ def test_the_second_process_ends_with_the_station(started: list[subprocess.Popen
 
 
 @pytest.mark.parametrize(("processors", "shares"), [(2, ["solving"]), (8, ["solving", "paths", "dynamics"])])
-def test_on_the_first_use_a_process_per_share_starts_at_once_and_only_once(
-    tmp_path, monkeypatch, started, processors, shares
-) -> None:
+def test_on_the_first_use_a_process_per_share_starts_once(tmp_path, monkeypatch, started, processors, shares) -> None:
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
     monkeypatch.setattr("os.cpu_count", lambda: processors)
     with typer.Context(COMMAND) as context:
@@ -106,9 +104,7 @@ def test_on_the_first_use_a_process_per_share_starts_at_once_and_only_once(
     assert all(child.returncode is not None for child in started)
 
 
-def test_what_is_compiled_in_this_process_is_a_stage_with_one_message_at_its_start(
-    tmp_path, monkeypatch, capsys, started
-) -> None:
+def test_compilation_in_this_process_is_a_stage_with_one_message(tmp_path, monkeypatch, capsys, started) -> None:
     (tmp_path / "multibody_1").mkdir()
     (tmp_path / "multibody_1" / "joints.move_bodies-30.py311.nbi").touch()  # an older version of the kernel
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))

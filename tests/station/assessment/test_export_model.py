@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import xml.etree.ElementTree as Xml
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -52,13 +53,9 @@ def test_a_yielding_cuff_is_on_a_bushing_and_its_migration_in_the_cord(tmp_path:
     root = written(SuitToExport(cuffs=write_cuffs(tmp_path / "cuffs.json"), cuff="elbow"), tmp_path)
     stiffness = [number(root, f"BushingForce[@name='{part}_cuff_bushing']/translational_stiffness") for part in PARTS]
     assert stiffness == [2140.0, 2530.0]
-    assert number(root, "PathSpring/resting_length") == pytest.approx(0.74 + 0.012 + 0.022)
-
-
-def test_a_model_with_the_suit_is_refused_where_another_would_be_added(tmp_path: Path) -> None:
-    written(SuitToExport(cuffs=write_cuffs(tmp_path / "cuffs.json"), cuff="elbow"), tmp_path)
-    with raises_refusal(SolverCode.UNSUPPORTED, "without the suit"):
+    with raises_refusal(SolverCode.UNSUPPORTED, "without the suit"):  # where another would be added
         resolve_model(str(tmp_path / "out" / "suited.osim"))
+    assert number(root, "PathSpring/resting_length") == pytest.approx(0.74 + 0.012 + 0.022)
 
 
 def test_a_users_own_model_keeps_all_it_has(tmp_path: Path) -> None:
@@ -74,17 +71,21 @@ def test_a_users_own_model_keeps_all_it_has(tmp_path: Path) -> None:
     assert len(list(root.iter("Body"))) == len(list(own.iter("Body"))) + 3
 
 
-@pytest.mark.parametrize("change", ["wears a suit", "layout of OpenSim 3", "several files"])
-def test_the_suit_is_not_added_where_it_cannot_be_written(change: str) -> None:
-    root, rigid = osim_document(bundled_model()), SuitScenario("rigid", None, None, np.array([0.7]))
-    if change == "wears a suit":
-        add_suit(root, bundled_model(), read_suit(), rigid)
-    elif change == "layout of OpenSim 3":
-        root.set("Version", "30000")
-    else:
-        root.iter("ForceSet").__next__().set("file", "forces.xml")
-    with raises_refusal(SolverCode.SUIT_NOT_WRITABLE, "one file" if change == "several files" else ""):
-        add_suit(root, bundled_model(), read_suit(), rigid)
+RIGID = read_suit(), SuitScenario("rigid", None, None, np.array([0.7]))
+
+
+@pytest.mark.parametrize(
+    ("change", "naming"),
+    [
+        pytest.param(lambda root: add_suit(root, bundled_model(), *RIGID), "", id="wears a suit"),
+        pytest.param(lambda root: root.set("Version", "30000"), "", id="layout of OpenSim 3"),
+        pytest.param(lambda root: next(root.iter("ForceSet")).set("file", "a.xml"), "one file", id="several files"),
+    ],
+)
+def test_the_suit_is_not_added_where_it_cannot_be_written(change: Callable[[Xml.Element], None], naming: str) -> None:
+    change(root := osim_document(bundled_model()))
+    with raises_refusal(SolverCode.SUIT_NOT_WRITABLE, naming):
+        add_suit(root, bundled_model(), *RIGID)
 
 
 @pytest.mark.parametrize(
@@ -130,9 +131,7 @@ def test_the_verb_prints_the_path_and_needs_one(station, tmp_path: Path) -> None
 
 
 @pytest.mark.parametrize("condition", ["rigid", "visco_elastic"])
-def test_rmr_reads_the_suited_model_and_finds_what_an_assessment_does(
-    station, tmp_path: Path, condition: Condition
-) -> None:
+def test_rmr_of_the_suited_model_finds_what_an_assessment_does(station, tmp_path: Path, condition: Condition) -> None:
     cuffs = write_cuffs(tmp_path / "cuffs.json")
     out, file = tmp_path / "suited.csv", tmp_path / "suited.osim"
     chosen = ("--cuffs", cuffs, "--cuff", "hand", "--condition", condition)
@@ -183,9 +182,7 @@ def test_a_suited_model_that_opensim_saved_again_is_the_same(tmp_path: Path) -> 
         ("8520.0 8520.0 8520.0", "8520.0 8520.0 1.0", "differs between axes"),
     ],
 )
-def test_a_suit_that_was_changed_beyond_the_exported_structure_is_refused(
-    station, tmp_path: Path, old: str, new: str, words: str
-) -> None:
+def test_a_suit_of_another_structure_is_refused(station, tmp_path: Path, old: str, new: str, words: str) -> None:
     file = tmp_path / "suited.osim"
     write_suited_model(SuitToExport(cuffs=write_cuffs(tmp_path / "cuffs.json"), cuff="hand"), file)
     text = file.read_text(encoding="utf-8")

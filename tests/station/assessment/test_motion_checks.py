@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import cuffstation as cs
+from solver.model import Model
 from solver.motion import Kinematics, Motion, differentiate, read_motion
 from solver.osim.loads_document import read_external_loads
 from solver.osim.model_reader import read_osim
@@ -27,11 +28,11 @@ from station.assessment.given_motion import (
 from station.messages.assessment_messages import AssessmentCode
 from tests.solver.legs import LEG, PELVIS, Step, step_angles, step_in
 from tests.solver.published import TRIALS, trial
-from tests.station.command import Ran
+from tests.station.command import Station
 
-Station = Callable[..., Ran]
 OFF = "<appliesForce>false</appliesForce>"
 ALL = (*PELVIS, *LEG, "patella_angle")
+ANGLES = tuple(name for name in ALL if not name.startswith("pelvis_t") or name == "pelvis_tilt")
 MISSING = {"without_data": "toe_angle"}  # which is locked
 
 
@@ -51,6 +52,18 @@ def write_angles(path: Path, unit: float, *columns: str, header: str = "") -> Pa
     return path
 
 
+def flexed(model: Model, angle: np.ndarray) -> np.ndarray:
+    """Coordinates of every frame: this flexion of the hip, and the defaults."""
+    angles = np.tile(model.default_coordinates, (len(angle), 1))
+    angles[:, model.coordinate_index("hip_flexion")] = angle
+    return angles
+
+
+def minimum_jerk(part: np.ndarray) -> np.ndarray:
+    """A reach from 0 to 1 (Flash and Hogan 1985)."""
+    return 10 * part**3 - 15 * part**4 + 6 * part**5
+
+
 def kinematics_of(step: Step, path: Path, cutoff: float | None = None) -> Kinematics:
     return differentiate(read_motion(path, read_osim(step.model), with_defaults=True), cutoff)
 
@@ -63,9 +76,7 @@ def kinematics_of(step: Step, path: Path, cutoff: float | None = None) -> Kinema
         ((0.0, 1.0, 0.0), ""),  # of a body that moves in a plane
     ],
 )
-def test_only_moments_of_inertia_far_from_those_of_any_body_are_named(
-    step: Step, moments: tuple[float, float, float], note: str
-) -> None:
+def test_impossible_moments_of_inertia_are_named(step: Step, moments: tuple[float, float, float], note: str) -> None:
     model = read_osim(step.model)
     bodies = tuple(replace(one, inertia=np.diag(moments)) if one.name == "foot" else one for one in model.bodies)
     notes = motion_checks(replace(model, bodies=bodies), kinematics_of(step, step.motion))
@@ -82,13 +93,12 @@ def test_a_right_motion_has_no_notes_also_after_a_filter(step: Step, cutoff: flo
     ("frequency", "seconds", "cutoff", "is_low"),
     [(0.5, 4.0, 3, False), (0.8, 4.0, 3, True), (1.2, 2.0, 6, False), (1.2, 2.0, None, False)],
 )
-def test_a_cutoff_below_four_mean_frequencies_is_low(
+def test_a_low_cutoff_is_reported(
     step: Step, frequency: float, seconds: float, cutoff: int | None, is_low: bool
 ) -> None:
     """The mean frequency of a sine is its frequency."""
     model, time = read_osim(step.model), np.arange(0, seconds, 0.01)
-    angles = np.tile(model.default_coordinates, (len(time), 1))
-    angles[:, model.coordinate_index("hip_flexion")] = 0.4 * np.sin(2 * np.pi * frequency * time)
+    angles = flexed(model, 0.4 * np.sin(2 * np.pi * frequency * time))
     noise = np.random.default_rng(3).normal(0.0, 0.01, len(time))
     angles[:, model.coordinate_index("hip_adduction")] = noise
     notes = motion_checks(model, differentiate(Motion(model.coordinate_names, time, angles), cutoff))
@@ -101,16 +111,15 @@ def test_a_cutoff_below_four_mean_frequencies_is_low(
     ("duration", "rest", "cutoff"),
     [(0.5, 0.5, 3), (0.5, 3.0, 3), (0.5, 0.0, 3), (0.5, 0.5, 6), (1.5, 0.5, 3), (3.0, 0.0, 3)],
 )
-def test_the_cutoff_is_low_for_a_reach_that_loses_more_than_a_tenth_of_its_accelerations(
+def test_the_cutoff_is_low_for_a_reach_that_loses_a_tenth(
     step: Step, duration: float, rest: float, cutoff: int
 ) -> None:
-    """The reach has minimum jerk (Flash and Hogan 1985), and its accelerations are known. Rest is before and after."""
+    """The accelerations of the reach are known. Rest is before and after."""
     model, time = read_osim(step.model), np.arange(0, duration + 2.0, 0.01)
     part = np.clip((time - 1.0) / duration, 0.0, 1.0)
     noise = np.random.default_rng(3).normal(0.0, 2e-3, len(time))
     true = (60 * part - 180 * part**2 + 120 * part**3) / duration**2
-    angles = np.tile(model.default_coordinates, (len(time), 1))
-    angles[:, hip := model.coordinate_index("hip_flexion")] = 10 * part**3 - 15 * part**4 + 6 * part**5
+    hip, angles = model.coordinate_index("hip_flexion"), flexed(model, minimum_jerk(part))
     kept = (1.0 - rest, 1.0 + duration + rest)
     motion = Motion(model.coordinate_names, time, angles)
     filtered, whole = (differentiate(motion, float(cutoff), *limits) for limits in (kept, (None, None)))
@@ -128,17 +137,13 @@ def test_the_filter_of_the_published_study_is_right_for_its_lifts(name: str, wei
     assert "low_cutoff" not in motion_checks(model, kinematics)
 
 
-def test_a_piece_of_a_slow_motion_has_no_low_cutoff(step: Step) -> None:
+def test_a_piece_of_a_slow_motion_and_one_at_rest_have_no_low_cutoff(step: Step) -> None:
     """0.2 s of a lift of 6 s is a ramp, whose angles vary little about their mean."""
     model, time = read_osim(step.model), np.arange(0, 6, 0.01)
-    angles = np.tile(model.default_coordinates, (len(time), 1))
-    angles[:, model.coordinate_index("hip_flexion")] = 0.5 - 0.5 * np.cos(np.pi * time / 3)
+    angles = flexed(model, 0.5 - 0.5 * np.cos(np.pi * time / 3))
     piece = differentiate(Motion(model.coordinate_names, time, angles), 3.0, 1.0, 1.2)
     assert "low_cutoff" not in motion_checks(model, piece)
-
-
-def test_a_motion_in_which_nothing_moves_has_no_low_cutoff(step: Step) -> None:
-    model, time = read_osim(step.model), np.arange(0, 3, 0.01)
+    # nor one in which nothing moves
     noise = np.random.default_rng(3).normal(0.0, 1e-9, (len(time), len(model.coordinates)))
     still = Motion(model.coordinate_names, time, model.default_coordinates + noise)
     assert "low_cutoff" not in motion_checks(model, differentiate(still, 3.0))
@@ -149,9 +154,7 @@ def test_the_cutoff_is_low_whatever_frames_are_solved(step: Step, tmp_path: Path
     """A reach of 0.5 s, whose rest of 0.3 s before and after has no frame among those that are solved."""
     model, time = read_osim(step.model), np.arange(0, 1.1, 0.01)
     part = np.clip((time - 0.3) / 0.5, 0.0, 1.0)
-    angles = np.tile(model.default_coordinates, (len(time), 1))
-    angles[:, model.coordinate_index("hip_flexion")] = 10 * part**3 - 15 * part**4 + 6 * part**5
-    write_table(tmp_path / "reach.sto", model.coordinate_names, time, angles)
+    write_table(tmp_path / "reach.sto", model.coordinate_names, time, flexed(model, minimum_jerk(part)))
     inputs, cut = MuscleInputs(tmp_path / "reach.sto", str(step.model)), MotionCut(3.0, every=every)
     assert "low_cutoff" in read_given_motion(inputs, cut).notes
 
@@ -173,17 +176,14 @@ def test_a_lock_is_violated_beyond_the_tolerance(step: Step, share: float, is_na
     assert ("toe_angle" in notes.get("violates_constraint", "")) == is_named
 
 
-def test_degrees_under_a_header_of_radians_are_beyond_the_range_and_a_header_of_degrees_is_right(
-    step: Step, tmp_path: Path
-) -> None:
-    angles = tuple(name for name in ALL if not name.startswith("pelvis_t") or name == "pelvis_tilt")
-    wrong = write_angles(tmp_path / "wrong.mot", 180 / np.pi, *angles)
+def test_degrees_under_a_header_of_radians_are_beyond_the_range(step: Step, tmp_path: Path) -> None:
+    wrong = write_angles(tmp_path / "wrong.mot", 180 / np.pi, *ANGLES)
     notes = motion_checks(read_osim(step.model), kinematics_of(step, wrong))
     worst, *_ = notes["beyond_range"].split(", ")
     knee = np.degrees(step_angles(np.arange(81) / 100)["knee_angle"]).min()
     assert worst == f"knee_angle {knee:.3g} rad"
     assert "pelvis_t" not in notes["beyond_range"]  # at most 6 of a range of ±10
-    right = write_angles(tmp_path / "right.mot", 180 / np.pi, *angles, header="inDegrees=yes")
+    right = write_angles(tmp_path / "right.mot", 180 / np.pi, *ANGLES, header="inDegrees=yes")
     assert motion_checks(read_osim(step.model), kinematics_of(step, right)) == MISSING
 
 
@@ -197,7 +197,7 @@ def test_degrees_under_a_header_of_radians_are_beyond_the_range_and_a_header_of_
         ((-3.14, 3.14), 36, True),  # as of a coordinate at 36 mm
     ],
 )
-def test_a_translation_in_millimetres_is_far_beyond_its_range(
+def test_a_translation_in_millimetres_is_named(
     step: Step, tmp_path: Path, limits: tuple[float, float], unit: float, is_named: bool
 ) -> None:
     model = read_osim(step.model)
@@ -225,12 +225,9 @@ def test_a_translation_in_millimetres_is_named_also_in_a_model_that_opensim_scal
 
 
 @pytest.mark.parametrize(("unit", "is_named"), [(1.0, True), (180 / np.pi, False)])
-def test_radians_under_a_header_of_degrees_are_named_by_the_largest(
-    step: Step, tmp_path: Path, unit: float, is_named: bool
-) -> None:
-    angles = tuple(name for name in ALL if not name.startswith("pelvis_t") or name == "pelvis_tilt")
-    path = write_angles(tmp_path / "step.mot", unit, *angles, header="inDegrees=yes")
-    largest = max(np.abs(step_angles(np.arange(81) / 100)[name]).max() for name in angles)
+def test_radians_under_a_header_of_degrees_are_named(step: Step, tmp_path: Path, unit: float, is_named: bool) -> None:
+    path = write_angles(tmp_path / "step.mot", unit, *ANGLES, header="inDegrees=yes")
+    largest = max(np.abs(step_angles(np.arange(81) / 100)[name]).max() for name in ANGLES)
     notes = motion_checks(read_osim(step.model), kinematics_of(step, path))
     assert notes.get("radians_as_degrees") == (f"{largest:.3g}" if is_named else None)
     codes = [finding.code for finding in motion_findings(notes)]
@@ -276,7 +273,7 @@ def by_both_verbs(station: Station, step: Step, motion: Path, *words: object) ->
     ("start", "end", "missing"),
     [(0.78, 2, "to 2 s, "), (-1, 0.02, "from -1 s, "), (0.79, 0.805, ""), (-0.005, 0.01, "")],
 )
-def test_both_verbs_say_that_the_motion_does_not_cover_the_requested_time(
+def test_both_verbs_report_a_motion_that_is_too_short(
     station: Station, step: Step, start: float, end: float, missing: str
 ) -> None:
     note = f"{missing}the motion lasts from 0 to 0.8 s"
@@ -295,9 +292,7 @@ def test_both_verbs_and_the_library_say_that_a_motion_was_cut(station: Station, 
     assert [finding.code for finding in findings] == [AssessmentCode.WITHOUT_DATA, AssessmentCode.ROW_COUNTS]
 
 
-def test_both_verbs_say_that_no_load_is_applied_and_that_steps_are_interpolated(
-    station: Station, tmp_path: Path
-) -> None:
+def test_both_verbs_report_loads_that_are_off_and_interpolated_steps(station: Station, tmp_path: Path) -> None:
     step = step_in(tmp_path)
     names, table, _ = read_table(step.motion)
     time = table[:, 0] + np.where(np.arange(81) % 2, 2e-3, 0.0)

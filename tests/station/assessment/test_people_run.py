@@ -142,14 +142,11 @@ def test_a_file_whose_bands_postures_or_options_do_not_fit_is_refused(
     parent[last] = broken if place != ("postures",) else parent[last][:2]
     path = tmp_path / "assessment.json"
     path.write_text(json.dumps(changed), encoding="utf-8")
-    with raises_refusal(code, kind=AssessmentFileError) as caught:
+    with raises_refusal(code, str(place[0]), kind=AssessmentFileError):
         read_assessment(path)
-    assert str(place[0]) in str(caught.value)
 
 
-def test_the_numbers_of_a_report_on_drawn_people_name_the_people_and_their_seed(
-    plain: dict[str, Any], folder: Path
-) -> None:
+def test_the_numbers_of_a_report_on_people_name_count_and_seed(plain: dict[str, Any], folder: Path) -> None:
     path = write_report(folder)
     listed = read_numbers(path.with_name("report.json")).numbers
     effort, summary = listed["assessment.at_rigid_optimum.hand.both"], plain["uncertainty"]

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import re
 import xml.etree.ElementTree as Xml
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -29,9 +28,8 @@ from station.assessment.rmr import SolvedMotion, left_out_findings, slack_muscle
 from station.messages.assessment_messages import AssessmentCode, InputCode
 from tests.links import symlink
 from tests.solver.legs import Step, step_in
-from tests.station.command import Ran, assert_one_sentence, assert_refused
+from tests.station.command import Station, assert_one_sentence, assert_refused
 
-Station = Callable[..., Ran]
 MODEL = bundled_model()
 CUT = MotionCut(every=60)
 RAISE = decimate(differentiate(simulate_arm_raise(MODEL)), 60)
@@ -46,9 +44,7 @@ def model(tmp_path: Path) -> Path:
 
 @pytest.mark.parametrize("verb", ["rmr", "id"])
 @pytest.mark.parametrize("read", ["motion", "data", "link"])
-def test_a_result_does_not_replace_what_it_was_computed_from(
-    station: Station, tmp_path: Path, verb: str, read: str
-) -> None:
+def test_a_result_does_not_replace_its_input(station: Station, tmp_path: Path, verb: str, read: str) -> None:
     step = step_in(tmp_path)
     symlink(tmp_path / "link.sto", step.motion)
     output = {"motion": step.motion, "data": step.loads.with_suffix(".sto"), "link": tmp_path / "link.sto"}[read]
@@ -101,9 +97,7 @@ def test_the_refusal_of_a_model_names_its_obstacles_and_what_to_do(
     assert "BushingForce" not in ran.err, "no list of all classes"
 
 
-def test_forces_and_controllers_are_left_out_on_request_and_named(
-    station: Station, model: Path, tmp_path: Path
-) -> None:
+def test_forces_and_controllers_left_out_on_request_are_named(station: Station, model: Path, tmp_path: Path) -> None:
     short = ("rmr", "--to", "0.02", "--output")
     assert station(*short, tmp_path / "whole.csv", "--model", model).code == 0
     _changed(model, CONTROLLER, CONTACT)
@@ -116,7 +110,7 @@ def test_forces_and_controllers_are_left_out_on_request_and_named(
 
 
 @pytest.mark.parametrize("version", ["30501", "10905", "50000", "", "x", "-1", "9" * 400])
-def test_a_file_of_no_released_version_is_refused_with_the_command_that_converts_it(
+def test_a_file_of_no_released_version_is_refused_with_its_remedy(
     station: Station, tmp_path: Path, version: str
 ) -> None:
     """One of a development version as OpenSim does it."""
@@ -138,16 +132,12 @@ def test_the_message_of_an_infeasible_frame_names_the_glenoid_if_it_is_constrain
     assert np.isinf(solved.solution.cone_slack).all() == (not has_glenoid)
 
 
-def test_a_model_that_the_bundled_raise_does_not_fit_needs_a_motion(station: Station, tmp_path: Path) -> None:
+def test_another_model_without_its_motion_and_an_output_without_a_name_are_refused(
+    station: Station, tmp_path: Path
+) -> None:
     ran = station("rmr", "--model", step_in(tmp_path).model, "--output", tmp_path / "a.csv")
-    assert_refused(ran, 1, SolverCode.UNKNOWN_NAME)
-    assert "--motion" in ran.err
-
-
-def test_an_output_that_is_a_folder_without_a_name_is_named(station: Station) -> None:
-    ran = station("rmr", "--output", ".")
-    assert_refused(ran, 2, InputCode.TABLE_FORMAT)
-    assert "the output is ., expected" in ran.err
+    assert_refused(ran, 1, SolverCode.UNKNOWN_NAME, "--motion")
+    assert_refused(station("rmr", "--output", "."), 2, InputCode.TABLE_FORMAT, "the output is ., expected")
 
 
 # `station rmr` without some forces of its model: the results and a sentence have what that changes.
@@ -192,19 +182,12 @@ def test_the_share_of_reserves_is_reported_where_the_solver_lacks_a_force(file: 
 
 
 def test_the_options_reach_the_table(file: Path, station, tmp_path: Path) -> None:
-    table = tmp_path / "a.csv"
-    ran: Ran = station(
-        "rmr", "--model", file, "--ignore-forces", "--leave-out", "band", "--to", "0.02", "--output", table
-    )
+    command = ("rmr", "--model", file, "--ignore-forces", "--to", "0.02", "--output", table := tmp_path / "a.csv")
+    assert_one_sentence(station(*command, "--leave-out", "rope"), 1, "rope to leave out; it has band")
+    ran = station(*command, "--leave-out", "band")
     assert ran.code == 0, ran.err
     assert "Left out of the model: ElasticFoundationForce sole, band. band would give" in ran.err
     assert "left_out_effect" in table.read_text(encoding="utf-8")
-
-
-def test_an_unknown_force_to_leave_out_is_refused_with_those_there(file: Path, station, tmp_path: Path) -> None:
-    ran: Ran = station("rmr", "--model", file, "--ignore-forces", "--leave-out", "rope", "--output", tmp_path / "a.csv")
-    assert ran.code == 1
-    assert "rope to leave out; it has band" in ran.err
 
 
 # Muscles whose tendon is longer than their path throughout a motion are named, in the results and as a finding.
@@ -238,9 +221,7 @@ def test_a_muscle_that_is_slack_in_the_first_frame_alone_is_not_named() -> None:
     assert slack_muscles(model, RAISE, "opensim") == ()
 
 
-def test_the_verb_and_the_library_name_a_muscle_that_cannot_pull(
-    station: Callable[..., Ran], step: Step, tmp_path: Path
-) -> None:
+def test_verb_and_library_name_a_muscle_that_cannot_pull(station: Station, step: Step, tmp_path: Path) -> None:
     model = cs.load_model(step.model, actuators=[step.actuators])
     name, *_ = model.muscle_names
     files = ("--model", step.model, "--motion", step.motion, "--external-loads", step.loads)

@@ -96,7 +96,7 @@ def test_the_results_of_the_library_have_the_findings_of_the_command_line(leg: M
     assert "findings: motion.low_cutoff" in repr(motion) and "model.no_glenoid" in repr(assessment)
 
 
-def test_all_say_that_a_cuff_migrated_against_the_pull_and_refuse_one_that_gives_energy(
+def test_migration_against_the_pull_is_a_finding_and_negative_damping_refused(
     leg: Model, station, tmp_path: Path
 ) -> None:
     cuffs = tmp_path / "shank.json"

@@ -27,7 +27,7 @@ from station.messages.setup_messages import FolderCode
 from station.messages.study_messages import CatalogueCode
 from station.session.open_session import list_sessions
 from tests.refusals import raises_refusal
-from tests.station.command import Ran, assert_refused
+from tests.station.command import Station, assert_refused
 from tests.station.study.synthetic_sessions import write_sessions
 
 
@@ -178,7 +178,7 @@ def test_a_query_that_fails_is_refused(sql: str, original: Path) -> None:
         run_sql(original / CATALOGUE_FILE, sql)
 
 
-def test_values_that_json_does_not_have_are_printed_as_text(folder: Path, station: Callable[..., Ran]) -> None:
+def test_values_that_json_does_not_have_are_printed_as_text(folder: Path, station: Station) -> None:
     identity = "12345678-1234-1234-1234-123456789012"
     ran = station(
         "catalogue", folder, "--sql", f"SELECT UUID '{identity}' AS id, '\\xFF'::BLOB AS b", "--format", "json"
@@ -196,9 +196,7 @@ def test_values_that_json_does_not_have_are_printed_as_text(folder: Path, statio
         ("at", "9999-12-31T23:59:59-12:00"),
     ],
 )
-def test_a_session_with_an_absurd_value_is_listed_with_the_reason_and_hides_no_other(
-    folder: Path, key: str, value: object
-) -> None:
+def test_a_session_with_an_absurd_value_is_listed_and_hides_no_other(folder: Path, key: str, value: object) -> None:
     strange = folder / "strange"
     write_setup(strange, Setup("P09", "ab", ("hand",), 1))
     write_recorded(strange, Recorded("a.mcap", "hand", "static", 1, "1", True, 0, ""))
@@ -276,9 +274,7 @@ def test_a_session_whose_name_is_not_utf_8_hides_no_other(folder: Path) -> None:
 
 
 @pytest.mark.parametrize("leave", [Path.touch, created, cut, damaged, lambda path: path.write_bytes(bytes(4096))])
-def test_what_an_older_station_left_of_an_interrupted_build_is_built_anew(
-    folder: Path, leave: Callable[[Path], object]
-) -> None:
+def test_what_is_left_of_an_interrupted_build_is_built_anew(folder: Path, leave: Callable[[Path], object]) -> None:
     path = folder / "new.duckdb"
     leave(path)
     assert update_catalogue(folder, path, is_rebuilt=leave is damaged).read == 4
@@ -297,7 +293,7 @@ def test_another_database_is_not_overwritten(folder: Path, tmp_path: Path) -> No
     assert text.read_text(encoding="utf-8") == "mine"
 
 
-def test_the_verb_prints_rows_for_people_and_programs(folder: Path, station: Callable[..., Ran]) -> None:
+def test_the_verb_prints_rows_for_people_and_programs(folder: Path, station: Station) -> None:
     ran = station("catalogue", folder, "--cuff", "hand", "--subject", "P01", "--format", "json")
     assert ran.code == 0, ran.err
     assert [row["donning"] for row in json.loads(ran.out)] == ["1", "2"]
@@ -306,9 +302,7 @@ def test_the_verb_prints_rows_for_people_and_programs(folder: Path, station: Cal
     assert_refused(station("catalogue", folder / "missing"), 1, FolderCode.NOT_A_FOLDER)
 
 
-def test_the_table_has_a_dash_for_what_is_not_known_and_no_frame_of_pandas_without_rows(
-    folder: Path, station: Callable[..., Ran]
-) -> None:
+def test_the_table_has_a_dash_for_what_is_not_known_or_no_rows(folder: Path, station: Station) -> None:
     unknown = "SELECT NULL AS subject, CAST(NULL AS DOUBLE) AS stiffness, CAST(NULL AS TIMESTAMP) AS begun"
     assert station("catalogue", folder, "--sql", unknown).out.split()[3:] == ["-", "-", "-"]
     empty = station("catalogue", folder, "--cuff", "none")
@@ -316,17 +310,13 @@ def test_the_table_has_a_dash_for_what_is_not_known_and_no_frame_of_pandas_witho
 
 
 @pytest.mark.parametrize("before", ["2020-01-01", "2027-01-01"])
-def test_days_between_which_there_is_none_are_wrong_usage(
-    folder: Path, station: Callable[..., Ran], before: str
-) -> None:
+def test_days_between_which_there_is_none_are_wrong_usage(folder: Path, station: Station, before: str) -> None:
     output = folder / "none.duckdb"
     assert station("catalogue", folder, "--since", "2027-01-01", "--before", before, "--output", output).code == 2
     assert not output.exists()
 
 
-def test_a_catalogue_that_cannot_be_created_is_not_said_to_be_in_use_or_damaged(
-    folder: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_catalogue_that_cannot_be_created_is_refused_as_such(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def connect(path: str) -> None:
         raise duckdb.IOException(f'IO Error: Cannot open file "{path}": Permission denied')
 

@@ -93,9 +93,7 @@ def test_a_long_curve_keeps_its_peak_and_its_ends() -> None:
 
 @example(1.0, 31.0, 3)
 @given(st.floats(-1e4, 1e4), st.floats(1e-3, 1e5), st.integers(3, 9))
-def test_ticks_are_round_inside_the_limits_and_as_many_as_matplotlib_finds(
-    low: float, extent: float, most: int
-) -> None:
+def test_ticks_are_inside_the_limits_and_as_many_as_matplotlib_finds(low: float, extent: float, most: int) -> None:
     found = ticks(low, low + extent, most)
     assert 1 <= len(found) <= most + 1
     assert low - 1e-9 * extent <= found[0] and found[-1] <= low + extent * (1 + 1e-9)

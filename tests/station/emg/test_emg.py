@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import gzip
 import json
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -24,11 +23,10 @@ from station.messages.assessment_messages import InputCode
 from station.messages.emg_messages import EmgCode
 from tests.conftest import SHARED
 from tests.refusals import raises_refusal
-from tests.station.command import Ran, assert_one_sentence, assert_refused
+from tests.station.command import Ran, Station, assert_one_sentence, assert_refused
 from tests.station.emg.measured import levels, write_activations, write_emg, write_mvc, write_setup
 from tests.station.reported import unmarked_numbers
 
-Station = Callable[..., Ran]
 pytestmark = pytest.mark.shared
 PUBLISHED_MAXIMA = {"MD": 0.706, "SA": 1.862}
 """By which the authors divide their EMG, in its unknown unit."""
@@ -95,9 +93,7 @@ def test_shape_level_and_change_are_those_that_were_simulated(station: Station, 
     assert "suit0" in ran.out
 
 
-def test_envelopes_and_change_are_read_by_the_next_stage_and_reported(
-    station: Station, lab: Path, tmp_path: Path
-) -> None:
+def test_envelopes_and_change_reach_the_next_stage_and_the_report(station: Station, lab: Path, tmp_path: Path) -> None:
     ran, _ = run(station, lab, tmp_path)
     names, table, _ = read_table(tmp_path / "suit1_emg.sto")
     assert names == ["time", "delt_ant", "serratus"]
@@ -118,7 +114,7 @@ def test_envelopes_and_change_are_read_by_the_next_stage_and_reported(
     assert "emg.json" in json.loads((tmp_path / "report.json").read_text(encoding="utf-8"))["inputs"]
 
 
-def test_without_an_mvc_there_is_no_level_in_percent_and_one_repeat_has_no_interval(
+def test_without_an_mvc_levels_are_volts_and_one_repeat_has_no_interval(
     station: Station, lab: Path, tmp_path: Path
 ) -> None:
     """Volts, in the file as in the table; shapes, lags and ratios stay what they are."""
@@ -146,9 +142,7 @@ def test_a_clipped_channel_is_left_out_by_name(station: Station, lab: Path, tmp_
     assert read_table(tmp_path / "suit0_emg.sto")[0] == ["time", "serratus"]
 
 
-def test_a_channel_without_mvc_is_compared_by_shape_and_has_no_level(
-    station: Station, lab: Path, tmp_path: Path
-) -> None:
+def test_a_channel_without_mvc_has_a_shape_and_no_level(station: Station, lab: Path, tmp_path: Path) -> None:
     write_setup(tmp_path / "emg.toml", (lab / "emg.toml").read_text().replace('_A"]', '_A"], maximum = 4e-4'))
     ran = station(
         "emg", lab / "suit1.csv", "--activations", lab / "suit.csv.act.csv", "--setup", tmp_path / "emg.toml",
@@ -163,7 +157,7 @@ def test_a_channel_without_mvc_is_compared_by_shape_and_has_no_level(
 
 @pytest.mark.parametrize("names", [("delt_ant", "serratus"), ("AD", "TS")], ids=["set-up", "default map"])
 @pytest.mark.parametrize("unit", ["g", "deg/s"])
-def test_a_mapped_channel_in_another_unit_is_left_out_by_name(
+def test_a_channel_in_another_unit_is_left_out(
     station: Station, tmp_path: Path, names: tuple[str, str], unit: str
 ) -> None:
     path = write_emg(tmp_path / "lift.csv", levels(), seed=1, titles=(f"{names[0]} [mV]", f"{names[1]} [{unit}]"))

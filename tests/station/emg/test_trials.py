@@ -22,11 +22,10 @@ from station.exit_code import DONE, FAILED
 from station.messages.emg_messages import EmgCode
 from tests.fitting.trial.test_analog_signals import MANIFEST, recorded
 from tests.refusals import raises_refusal
-from tests.station.command import Ran, assert_refused
+from tests.station.command import Ran, Station, assert_refused
 from tests.station.emg.measured import levels, write_activations, write_emg, write_setup
 
 SETUP = read_emg_setup(None)
-Station = Callable[..., Ran]
 
 
 def written(folder: Path, text: str, name: str = "trial.csv") -> Path:
@@ -192,9 +191,7 @@ def test_a_cut_table_of_activations_is_a_finding(run: Callable[[Path], Ran], tmp
 
 
 @pytest.mark.parametrize("shift", [-4.0, 0.5, 5.0])
-def test_activations_that_begin_at_another_time_are_a_finding(
-    run: Callable[[Path], Ran], tmp_path: Path, shift: float
-) -> None:
+def test_activations_of_another_start_are_a_finding(run: Callable[[Path], Ran], tmp_path: Path, shift: float) -> None:
     ran = run(write_activations(tmp_path / "rmr.csv", start=shift))
     (finding,) = trial(tmp_path).findings
     assert (ran.code, finding.code) == (DONE, EmgCode.PARTLY_COMMON)

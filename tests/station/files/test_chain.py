@@ -27,11 +27,9 @@ from station.messages.file_messages import ChainCode
 from station.messages.setup_messages import FolderCode
 from station.recordings_of_session import originals_in, recordings_in, useless_copies_in
 from tests.station.bench.test_session_folder import record
-from tests.station.command import Ran, assert_refused
+from tests.station.command import Ran, Station, assert_refused
 from tests.station.foreign import static_and_dynamic
 from tests.station.reported import DYNAMIC, STATIC
-
-Station = Callable[..., Ran]
 
 AS_RECORDED, CHANGED, BY_HAND, MISSING = (Standing.AS_RECORDED, Standing.CHANGED, Standing.BY_HAND, Standing.MISSING)
 needs_ssh_keygen = pytest.mark.skipif(shutil.which("ssh-keygen") is None, reason="needs OpenSSH's ssh-keygen")
@@ -96,9 +94,7 @@ def test_a_recorder_records_the_hash_of_its_trial(tmp_path: Path) -> None:
     assert Checksums(tmp_path).sums == {path.name: hashlib.sha256(path.read_bytes()).hexdigest()}
 
 
-def test_a_stiffness_edited_in_the_cuffs_file_is_reported_by_assess_and_report(
-    session: Path, motion: Path, station: Station
-) -> None:
+def test_an_edited_stiffness_is_reported_by_assess_and_report(session: Path, motion: Path, station: Station) -> None:
     edit(session / "cuffs.json", stiffen)
     ran = station("report", session)
     assert ran.code == 3
@@ -154,9 +150,7 @@ def test_a_replaced_trial_is_reported_by_every_verb(session: Path, tmp_path: Pat
     assert found.code == 1 and standings(found)[STATIC] == CHANGED
 
 
-def test_a_recording_that_was_replaced_with_its_line_in_the_list_is_not_the_one_that_was_fitted(
-    session: Path, station: Station
-) -> None:
+def test_a_recording_replaced_with_its_line_in_the_list_is_not_the_fitted_one(session: Path, station: Station) -> None:
     replace_trial(session / STATIC)
     write_checksums(session / STATIC)
     found = standings(station("verify", session, "--format", "json"))
@@ -266,7 +260,7 @@ def allow(tmp_path: Path, key: Path) -> Path:
 
 
 @needs_ssh_keygen
-def test_a_signed_session_is_whole_and_a_later_change_with_new_checksums_breaks_the_signature(
+def test_a_later_change_with_new_checksums_breaks_the_signature(
     session: Path, tmp_path: Path, key: Path, station: Station
 ) -> None:
     signers = allow(tmp_path, key)
@@ -287,7 +281,7 @@ def test_a_signed_session_is_whole_and_a_later_change_with_new_checksums_breaks_
 
 
 @needs_ssh_keygen
-def test_a_signature_of_another_key_is_not_that_of_the_laboratory(
+def test_a_signature_of_another_key_is_not_the_lab_s(
     session: Path, tmp_path: Path, key: Path, station: Station
 ) -> None:
     signers, other = allow(tmp_path, key), make_key(tmp_path / "other_key")
@@ -304,7 +298,7 @@ def test_a_broken_chain_is_not_signed(session: Path, key: Path, station: Station
 
 
 @needs_ssh_keygen
-def test_an_unsigned_folder_is_a_missing_signature_if_signers_are_given(
+def test_an_unsigned_folder_lacks_a_signature_of_signers(
     session: Path, tmp_path: Path, key: Path, station: Station
 ) -> None:
     ran = station("verify", session, "--signers", allow(tmp_path, key))
@@ -312,9 +306,7 @@ def test_an_unsigned_folder_is_a_missing_signature_if_signers_are_given(
 
 
 @needs_ssh_keygen
-def test_a_file_that_another_program_added_is_signed_after_it_was_listed(
-    session: Path, key: Path, station: Station
-) -> None:
+def test_a_file_of_another_program_is_signed_after_it_was_listed(session: Path, key: Path, station: Station) -> None:
     (session / "notes.jsonl").write_text('{"note": "the strap was loose"}\n')  # lines of another program
     assert_refused(station("verify", session, "--sign", key), 1, ChainCode.BROKEN)
     assert station("verify", session, "--add", session / "notes.jsonl", "--sign", key).code == 0

@@ -4,9 +4,10 @@ import csv
 import gzip
 import json
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import ezc3d
 import numpy as np
@@ -21,7 +22,7 @@ from recordings.contents import read_contents
 from recordings.exchange.trc import read_trc
 from recordings.manifest import BounceRig
 from recordings.reader import open_recording
-from station.files.export_trial import export_recordings
+from station.files.export_trial import Exported, export_recordings
 from station.files.foreign_files import ForceSource, MarkerSource
 from station.files.import_trial import import_trial
 from station.files.synchronised import ExportRefused
@@ -35,6 +36,15 @@ from tests.station.foreign import Truth, config, static_and_dynamic
 from tests.station.wearer import BODY, GAIN, SPECS, WearerSession
 
 POSE, FREE, TIGHT = SPECS
+HIDDEN = slice(700, 750)  # of the frames at 100 Hz: half a second
+LOST = np.r_[3000:3040]
+
+
+def hide(truth: Truth, frames: slice) -> Truth:
+    """The marker of the cuff is not seen in these frames."""
+    values = truth.tracks["/markers"].values.copy()
+    values[frames, -1] = np.nan
+    return truth.with_track("/markers", values=values)
 
 
 @pytest.fixture(scope="module")
@@ -42,10 +52,7 @@ def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """What the station recorded of an experiment whose cuff marker is hidden for half a second."""
     folder = tmp_path_factory.mktemp("session")
     for truth in static_and_dynamic():
-        values = truth.tracks["/markers"].values.copy()
-        values[700:750, -1] = np.nan
-        tracks = truth.tracks | {"/markers": replace(truth.tracks["/markers"], values=values)}
-        Truth(truth.manifest, tracks).record(folder / f"cuff-hand_test-{truth.manifest.test}_run-1.mcap")
+        hide(truth, HIDDEN).record(folder / f"cuff-hand_test-{truth.manifest.test}_run-1.mcap")
     return folder
 
 
@@ -59,12 +66,12 @@ def trial(static: Path) -> Trial:
     return read_trial(static)
 
 
-def export(static: Path, to: str, output: Path) -> dict[str, Path]:
+def export(recording: Path, to: str, output: Path) -> dict[str, Path]:
     """What was written, by the end of its name after the recording's."""
-    done = export_recordings([static], to, output, "01")
+    done = export_recordings([recording], to, output, "01")
     assert not done.refused
     assert not list(output.glob(".*")), "no draft is left"
-    return {path.name.removeprefix(static.stem): path for path in done.paths}
+    return {path.name.removeprefix(recording.stem): path for path in done.paths}
 
 
 def again(force: Path, mocap: Path, session: Path, test: str = "static") -> Path:
@@ -92,7 +99,7 @@ def assert_same_trial(found: Trial, expected: Trial, newtons: float, metres: flo
         pytest.param("csv", "trc", marks=pytest.mark.slow),
     ],
 )
-def test_two_exported_files_are_imported_as_the_same_trial(
+def test_exports_are_imported_as_the_same_trial(
     static: Path, trial: Trial, tmp_path: Path, force: str, markers: str
 ) -> None:
     out = export(static, force, tmp_path / "out") | export(static, markers, tmp_path / "out")
@@ -113,9 +120,7 @@ def test_a_session_exported_as_c3d_and_imported_has_the_same_fit(session: Path, 
 
 
 @pytest.mark.parametrize("to", ["c3d", "csv", "mot", "parquet", "trc"])
-def test_a_full_disk_is_an_error_and_leaves_no_file(
-    static: Path, tmp_path: Path, to: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_full_disk_is_an_error(static: Path, tmp_path: Path, to: str, monkeypatch: pytest.MonkeyPatch) -> None:
     resource = pytest.importorskip("resource", reason="Windows has no limit of a file's size")
     monkeypatch.setattr(sys, "dont_write_bytecode", True)  # the writer is imported below: its bytecode would be cut
     before = resource.getrlimit(resource.RLIMIT_FSIZE)
@@ -128,9 +133,7 @@ def test_a_full_disk_is_an_error_and_leaves_no_file(
     assert not list(tmp_path.iterdir())
 
 
-def test_c3d_has_the_force_at_a_multiple_of_the_frame_rate_within_the_noise(
-    static: Path, trial: Trial, tmp_path: Path
-) -> None:
+def test_c3d_has_the_force_at_a_multiple_of_the_frame_rate(static: Path, trial: Trial, tmp_path: Path) -> None:
     c3d = ezc3d.c3d(str(export(static, "c3d", tmp_path)[".c3d"]))
     assert c3d["parameters"]["ANALOG"]["LABELS"]["value"] == ["force_n"]
     assert c3d["parameters"]["ANALOG"]["UNITS"]["value"] == ["N"]
@@ -167,9 +170,7 @@ def test_tables_have_a_sidecar_with_units_rates_calibration_and_clock(static: Pa
     assert len(first.split(",")) == len(header.split(",")) == 16
 
 
-def test_parquet_has_units_in_its_fields_and_null_where_a_marker_is_missing(
-    static: Path, trial: Trial, tmp_path: Path
-) -> None:
+def test_parquet_has_units_and_null_where_a_marker_is_missing(static: Path, trial: Trial, tmp_path: Path) -> None:
     out = export(static, "parquet", tmp_path)
     markers, force = (parquet.read_table(out[f"_{name}.parquet"]) for name in ("markers", "force"))
     assert markers.schema.field("cuff_1_x_m").metadata == {b"unit": b"m"}
@@ -230,24 +231,21 @@ def test_the_same_recording_gives_the_same_bytes(static: Path, tmp_path: Path) -
         assert [path.read_bytes() for path in once] == [path.read_bytes() for path in twice]
 
 
-def test_a_session_is_exported_and_recordings_that_cannot_be_are_reported(
-    station, session: Path, tmp_path: Path
-) -> None:
+def test_a_session_is_exported_and_damaged_recordings_are_reported(station, session: Path, tmp_path: Path) -> None:
     for path in session.glob("*.mcap"):
         (tmp_path / path.name).write_bytes(path.read_bytes())
-    ran = station("export", "--session", tmp_path, "--to", "trc", "--output", tmp_path / "out")
+    command = ("export", "--session", tmp_path, "--to", "trc", "--output", tmp_path / "out")
+    ran = station(*command)
     assert ran.code == 0 and len(ran.out.split()) == 4 and all(Path(line).exists() for line in ran.out.split())
     (tmp_path / "cuff-hand_test-static_run-2.mcap").write_bytes(b"\x89MCAP0\r\n" + b"x" * 50)
-    ran = station("export", "--session", tmp_path, "--to", "trc", "--output", tmp_path / "out")
+    ran = station(*command)
     assert ran.code == 3 and len(ran.out.split()) == 4 and "run-2.mcap" in ran.err
 
 
 def test_lost_samples_are_reported_by_an_export_and_by_info(station, session: Path, tmp_path: Path) -> None:
     truth = static_and_dynamic()[0]
-    force = truth.tracks["/force"]
-    kept = np.r_[0:5000, 5100 : len(force.values)]
-    held = {name: getattr(force, name)[kept] for name in ("sample_numbers", "device_time_ns", "host_time_ns", "values")}
-    lossy = Truth(truth.manifest, truth.tracks | {"/force": replace(force, **held)}).record(tmp_path / "lossy.mcap")
+    kept = np.delete(np.arange(len(truth.tracks["/force"].values)), slice(5000, 5100))
+    lossy = truth.with_track("/force", kept).record(tmp_path / "lossy.mcap")
     (gap,) = read_contents(lossy).gaps
     assert (gap.stream, gap.count) == ("/force", 100)
     whole = session / "cuff-hand_test-dynamic_run-1.mcap"
@@ -262,19 +260,17 @@ def test_lost_samples_are_reported_by_an_export_and_by_info(station, session: Pa
 
 def test_a_stream_without_samples_is_an_empty_raw_table(station, tmp_path: Path) -> None:
     truth = static_and_dynamic()[0]
-    markers = truth.tracks["/markers"]
-    none = {name: getattr(markers, name)[:0] for name in ("sample_numbers", "device_time_ns", "host_time_ns", "values")}
-    path = Truth(truth.manifest, truth.tracks | {"/markers": replace(markers, **none)}).record(tmp_path / "none.mcap")
+    path = truth.with_track("/markers", slice(0)).record(tmp_path / "none.mcap")
     ran = station("export", path, "--to", "csv", "--output", tmp_path / "out")
     assert ran.code == 3
     titles, *rows = csv.reader((tmp_path / "out" / "none_markers_raw.csv").read_text().splitlines())
-    assert len(titles) == 3 + 3 * len(markers.stream.labels) and not rows
+    assert len(titles) == 3 + 3 * len(truth.tracks["/markers"].stream.labels) and not rows
 
 
 def test_a_bounce_has_no_cuff_to_pull_on(tmp_path: Path) -> None:
     truth = static_and_dynamic()[1]
     manifest = replace(truth.manifest, cuff=None, test="bounce", bounce=BounceRig(2.0, "cuff_1"))
-    path = Truth(manifest, truth.tracks).record(tmp_path / "test-bounce_run-1.mcap")
+    path = replace(truth, manifest=manifest).record(tmp_path / "test-bounce_run-1.mcap")
     with raises_refusal(ExportCode.BOUNCE, kind=ExportRefused):
         export_recordings([path], "mot", tmp_path, "01")
     assert set(export(path, "csv", tmp_path / "out")) == {"_force.csv", "_markers.csv", ".csv.json"}
@@ -284,19 +280,18 @@ def test_a_bounce_has_no_cuff_to_pull_on(tmp_path: Path) -> None:
 def test_a_wrong_command_is_refused(station, static: Path, tmp_path: Path) -> None:
     lacking = ((("--to", "csv"), "FILE or --session"), ((static,), "--to"), ((), "FILE or --session, --to"))
     for given, missing in lacking:
-        ran = station("export", *given)
-        assert_refused(ran, 2, ExportCode.INCOMPLETE_COMMAND)
-        assert f"lacks {missing};" in ran.err
+        assert_refused(station("export", *given), 2, ExportCode.INCOMPLETE_COMMAND, f"lacks {missing};")
     both = station("export", static, "--session", tmp_path, "--to", "csv")
     assert_refused(both, 2, ExportCode.UNUSED_OPTION)
     assert_refused(station("export", "--osim"), 2, ExportCode.INCOMPLETE_MODEL_COMMAND)
-    of_model = station("export", static, "--to", "csv", "--osim", "--output", tmp_path / "model.osim")
-    assert_refused(of_model, 2, ExportCode.UNUSED_OPTION)
-    assert "FILE, --to" in of_model.err
+    assert_refused(
+        station("export", static, "--to", "csv", "--osim", "--output", tmp_path / "model.osim"),
+        2,
+        ExportCode.UNUSED_OPTION,
+        "FILE, --to",
+    )
     assert_refused(station("export", "--session", tmp_path, "--to", "csv"), 1, ExportCode.NO_RECORDING)
-    missing = station("export", tmp_path / "none.mcap", "--to", "csv")
-    assert_refused(missing, 1, ExportCode.NOT_EXPORTED)
-    assert "none.mcap" in missing.err
+    assert_refused(station("export", tmp_path / "none.mcap", "--to", "csv"), 1, ExportCode.NOT_EXPORTED, "none.mcap")
     assert station("export", static, "--to", "xlsx").code == 2
 
 
@@ -315,8 +310,7 @@ def test_an_output_that_is_a_file_is_wrong_usage(station, static: Path, tmp_path
 
 def test_only_csv_gives_the_raw_samples_where_the_sync_line_is_bad(station, tmp_path: Path) -> None:
     truth = static_and_dynamic()[0]
-    low = replace(truth.tracks["/sync"], values=0 * truth.tracks["/sync"].values)
-    path = Truth(truth.manifest, truth.tracks | {"/sync": low}).record(tmp_path / "low.mcap")
+    path = truth.with_track("/sync", values=0 * truth.tracks["/sync"].values).record(tmp_path / "low.mcap")
     with raises_refusal(ExportCode.RAW_POSSIBLE, kind=ExportRefused):
         export_recordings([path], "parquet", tmp_path / "out", "01")
     assert not (tmp_path / "out").exists()
@@ -343,15 +337,12 @@ def test_a_recovered_copy_never_replaces_its_original_in_an_export(station, stat
     original = tmp_path / static.name
     original.write_bytes(static.read_bytes())
     (tmp_path / f"{static.stem}.recovered.mcap").write_bytes(static.read_bytes())
-    ran = station("export", "--session", tmp_path, "--to", "csv", "--output", tmp_path / "out")
-    assert ran.code == 0
-    names = {Path(line).name for line in ran.out.split()}
-    assert names == {f"{static.stem}{end}" for end in ("_force.csv", "_markers.csv", ".csv.json")}
-    original.unlink()
-    ran = station("export", "--session", tmp_path, "--to", "csv", "--output", tmp_path / "out")
-    assert all(".recovered" in Path(line).name for line in ran.out.split()), (
-        "a recovered copy without its original is exported"
-    )
+    for stem in (static.stem, f"{static.stem}.recovered"):
+        ran = station("export", "--session", tmp_path, "--to", "csv", "--output", tmp_path / "out")
+        assert {Path(line).name for line in ran.out.split()} == {
+            f"{stem}{end}" for end in ("_force.csv", "_markers.csv", ".csv.json")
+        }
+        original.unlink(missing_ok=True)  # a recovered copy without its original is exported
 
 
 def test_files_for_foxglove_are_in_a_separate_folder(station, static: Path, trial: Trial, tmp_path: Path) -> None:
@@ -369,6 +360,142 @@ def test_files_for_foxglove_are_in_a_separate_folder(station, static: Path, tria
     assert not list(tmp_path.glob("*.mcap")), "a fit of the folder would take it for a recording"
 
 
+# Force on the cuff for OpenSim: vector, gap-free segments, filled gaps, and the result of OpenSim's own Storage.
+
+
+def record_static(folder: Path, hidden: slice, lost: Sequence[int] = ()) -> Path:
+    """A static trial whose cuff marker is hidden in some frames, and of whose force some samples were lost."""
+    truth = hide(static_and_dynamic()[0], hidden)
+    for name in ("/force", "/sync"):
+        truth = truth.with_track(name, np.delete(np.arange(len(truth.tracks[name].values)), lost))
+    return truth.record(folder / "static.mcap")
+
+
+def export_force(static: Path, to: str, output: Path, *, fills_gaps: bool = False) -> Exported:
+    return export_recordings([static], to, output, "01", fills_gaps=fills_gaps)
+
+
+def tables(done: Exported) -> list[np.ndarray]:
+    """The rows of every table, parsed as plain text."""
+    found = []
+    for path in done.paths[:-1]:
+        lines = path.read_text(encoding="utf-8").splitlines()
+        head = lines.index("endheader")
+        assert lines[0] == path.stem and "inDegrees=no" in lines
+        assert lines[head + 1].split("\t")[:5] == ["time", *(f"cuff_force_v{axis}" for axis in "xyz"), "cuff_force_px"]
+        found.append(np.array([line.split("\t") for line in lines[head + 2 :]], dtype=float))
+        assert f"nRows={len(found[-1])}" in lines
+    return found
+
+
+def sidecar(done: Exported) -> dict[str, Any]:
+    content: dict[str, Any] = json.loads(done.paths[-1].read_text(encoding="utf-8"))
+    return content
+
+
+@pytest.mark.parametrize("to", ["mot", "sto"])
+def test_the_force_is_a_pull_along_the_cuff_displacement(static: Path, trial: Trial, tmp_path: Path, to: str) -> None:
+    done = export_force(static, to, tmp_path)
+    ends = [path.name.removeprefix(static.stem) for path in done.paths]
+    assert ends == [f"_force_1.{to}", f"_force_2.{to}", f".{to}.json"]
+    rows = np.concatenate(tables(done))
+    at = np.searchsorted(trial.force_time, rows[:, 0] - 1e-6)
+    assert rows[:, 0] == pytest.approx(trial.force_time[at], rel=1e-9)
+    assert np.abs(np.linalg.norm(rows[:, 1:4], axis=1) - np.abs(trial.force[at])).max() < 1e-6
+    loaded = rows[trial.force[at] > 60, 1:4].mean(axis=0)
+    assert loaded / np.linalg.norm(loaded) == pytest.approx([0.36, 0.48, 0.80], abs=0.02), "as the experiment pulls"
+    assert rows[0, 4:7] == pytest.approx(trial.positions(("cuff_1",))[0, 0], abs=1e-3)
+    assert not rows[:, 7:].any()
+
+
+def test_a_hidden_marker_leaves_two_segments_and_rows_are_counted(static: Path, trial: Trial, tmp_path: Path) -> None:
+    done = export_force(static, "mot", tmp_path)
+    first, second = tables(done)
+    assert (np.diff(first[:, 0]) < 1.1e-3).all() and (np.diff(second[:, 0]) < 1.1e-3).all()
+    hidden = trial.marker_time[HIDDEN]
+    assert first[-1, 0] < hidden[0] < hidden[-1] < second[0, 0]
+    left_out = sidecar(done)["gaps"]["rows_left_out"]
+    assert 490 <= left_out["marker_hidden"] <= 530
+    assert len(first) + len(second) + sum(left_out.values()) == len(trial.force)
+    assert [piece["rows"] for piece in sidecar(done)["gaps"]["pieces"]] == [len(first), len(second)]
+    (note,) = done.notes
+    assert (note.code, note.figures["rows"]) == (ExportCode.ROWS_LEFT_OUT, len(trial.force))
+    assert (note.figures["left_out"], note.figures["files"]) == (sum(left_out.values()), 2)
+
+
+def test_lost_samples_separate_segments(tmp_path: Path) -> None:
+    done = export_force(record_static(tmp_path, slice(0), LOST), "mot", tmp_path)
+    first, second = tables(done)
+    assert second[0, 0] - first[-1, 0] == pytest.approx(0.041, abs=1e-4)
+
+
+def test_filled_gaps_are_one_file_whose_filled_rows_are_counted(tmp_path: Path) -> None:
+    path = record_static(tmp_path, HIDDEN, LOST)
+    done, trial = export_force(path, "mot", tmp_path, fills_gaps=True), read_trial(path)
+    (rows,) = tables(done)
+    assert np.diff(rows[:, 0]).max() < 1.1e-3
+    filled = sidecar(done)["gaps"]["rows_filled"]
+    assert filled["samples_lost"] == 40
+    assert 490 <= filled["marker_hidden"] <= 530
+    assert sidecar(done)["gaps"]["longest_gap_s"] == pytest.approx(0.51, abs=0.011)
+    force = np.interp(rows[:, 0], trial.force_time, trial.force)
+    assert np.abs(np.linalg.norm(rows[:, 1:4], axis=1) - np.abs(force)).max() < 1e-4, "measured, not filled"
+    inside = (rows[:, 0] > trial.marker_time[700]) & (rows[:, 0] < trial.marker_time[749])
+    assert np.abs(np.diff(rows[inside, 4:7], n=2, axis=0)).max() < 1e-8, "a straight line"
+    assert [note.code for note in done.notes] == [ExportCode.INCOMPLETE, ExportCode.ROWS_FILLED]
+    assert done.notes[1].figures["lost"] == 40
+
+
+def test_without_gaps_there_is_one_file_and_no_note(tmp_path: Path) -> None:
+    done = export_force(record_static(tmp_path, slice(0)), "sto", tmp_path)
+    assert [path.suffix for path in done.paths] == [".sto", ".json"]
+    assert done.paths[0].stem.endswith("_force")
+    assert not done.notes
+
+
+def test_a_cuff_that_is_never_seen_is_refused(tmp_path: Path) -> None:
+    with raises_refusal(ExportCode.NO_DIRECTION, kind=ExportRefused):
+        export_force(record_static(tmp_path, slice(None)), "mot", tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.oracle
+@pytest.mark.parametrize(
+    ("to", "fills_gaps"),
+    [
+        ("mot", False),
+        ("sto", True),
+        pytest.param("mot", True, marks=pytest.mark.slow),
+        pytest.param("sto", False, marks=pytest.mark.slow),
+    ],
+)
+def test_opensim_reads_every_row(static: Path, tmp_path: Path, trial: Trial, to: str, fills_gaps: bool) -> None:
+    opensim = pytest.importorskip("opensim")
+    done = export_force(static, to, tmp_path, fills_gaps=fills_gaps)
+    for path, rows in zip(done.paths[:-1], tables(done), strict=True):
+        storage = opensim.Storage(str(path))
+        assert storage.getSize() == len(rows)
+        assert (storage.getFirstTime(), storage.getLastTime()) == (rows[0, 0], rows[-1, 0])
+        column = opensim.ArrayDouble()
+        storage.getDataColumn("cuff_force_vx", column)
+        assert np.array([column.get(i) for i in range(column.getSize())]) == pytest.approx(rows[:, 1], rel=1e-12)
+    rows = np.concatenate(tables(done))
+    expected = len(trial.force) if fills_gaps else len(trial.force) - 509
+    assert len(rows) == pytest.approx(expected, abs=20)
+
+
+def test_the_verb_lists_the_codes_of_its_notes_and_fills_gaps_on_request(station, static: Path, tmp_path: Path) -> None:
+    ran = station("export", static, "--to", "mot", "--output", tmp_path / "pieces")
+    assert ran.code == 0
+    assert len(ran.out.split()) == 3
+    assert ran.err.strip()
+    ran = station("export", static, "--to", "mot", "--fill-gaps", "--output", tmp_path / "filled", "--format", "json")
+    assert ran.code == 0
+    assert len(json.loads(ran.out)["written"]) == len(json.loads(ran.out)["notes"]) + 1 == 2
+    assert json.loads(ran.out)["note_codes"][0]["code"] == ExportCode.ROWS_FILLED
+    assert_refused(station("export", static, "--to", "csv", "--fill-gaps"), 2, ExportCode.FILL_GAPS_FORMAT)
+
+
 # A wearer's trials as files of other programs: markers, cord, EMG and cycles; info and replay of a motion.
 
 
@@ -377,18 +504,10 @@ def wearer_trial(wearer: WearerSession) -> WearerTrial:
     return read_wearer_trial(wearer.path(TIGHT))
 
 
-def export_worn(wearer: WearerSession, to: str, output: Path) -> dict[str, Path]:
-    """What was written of the tight motion, by the end of its name."""
-    path = wearer.path(TIGHT)
-    done = export_recordings([path], to, output, "01")
-    assert not done.refused
-    return {written.name.removeprefix(path.stem): written for written in done.paths}
-
-
-def test_csv_has_a_table_of_emg_in_volts_at_the_electrodes(
+def test_csv_has_emg_in_volts_at_the_electrodes(
     wearer: WearerSession, wearer_trial: WearerTrial, tmp_path: Path
 ) -> None:
-    files = export_worn(wearer, "csv", tmp_path)
+    files = export(wearer.path(TIGHT), "csv", tmp_path)
     header, *_ = files["_emg.csv"].read_text(encoding="utf-8").splitlines()
     table = np.loadtxt(files["_emg.csv"], delimiter=",", skiprows=1)
     assert header == "time_s,deltoid_v,trapezius_v"
@@ -401,10 +520,8 @@ def test_csv_has_a_table_of_emg_in_volts_at_the_electrodes(
     assert (emg["unit"], emg["rate_hz"], emg["lost_s"]) == ("V", 1000.0, [])
 
 
-def test_trc_holds_the_body_s_markers_beside_the_cuff_s_and_the_cycles_of_the_arm(
-    wearer: WearerSession, tmp_path: Path
-) -> None:
-    files = export_worn(wearer, "trc", tmp_path)
+def test_trc_holds_the_markers_of_body_and_cuff_and_the_cycles(wearer: WearerSession, tmp_path: Path) -> None:
+    files = export(wearer.path(TIGHT), "trc", tmp_path)
     assert {*BODY["markers"], *BODY["suit_markers"], "cuff_1"} <= set(read_trc(files[".trc"]).labels)
     cycles = json.loads(files[".trc.json"].read_text(encoding="utf-8"))["cycles"]
     assert len(cycles) == BODY["cycles"]
@@ -412,10 +529,8 @@ def test_trc_holds_the_body_s_markers_beside_the_cuff_s_and_the_cycles_of_the_ar
     assert all(110 < cycle["highest_deg"] < 150 for cycle in cycles)
 
 
-def test_another_library_reads_markers_and_emg_of_the_c3d(
-    wearer: WearerSession, wearer_trial: WearerTrial, tmp_path: Path
-) -> None:
-    c3d = ezc3d.c3d(str(export_worn(wearer, "c3d", tmp_path)[".c3d"]))
+def test_ezc3d_reads_markers_and_emg(wearer: WearerSession, wearer_trial: WearerTrial, tmp_path: Path) -> None:
+    c3d = ezc3d.c3d(str(export(wearer.path(TIGHT), "c3d", tmp_path)[".c3d"]))
     analog = c3d["parameters"]["ANALOG"]
     assert analog["LABELS"]["value"] == ["force_n", "deltoid", "trapezius"]
     assert analog["UNITS"]["value"] == ["N", "V", "V"]
@@ -438,9 +553,7 @@ def test_bids_separates_the_conditions_and_keeps_emg_as_physio(wearer: WearerSes
     assert sidecar["SamplingFrequency"] == pytest.approx(1000.0, rel=1e-3)
 
 
-def test_foxglove_has_a_curve_for_each_channel_and_no_load_on_a_cuff_is_exported(
-    wearer: WearerSession, tmp_path: Path
-) -> None:
+def test_foxglove_has_a_curve_of_every_channel_and_mot_is_refused(wearer: WearerSession, tmp_path: Path) -> None:
     with raises_refusal(ExportCode.NO_CUFF_FORCE, kind=ExportRefused):
         export_recordings([wearer.path(TIGHT)], "mot", tmp_path, "01")
     done = export_recordings([wearer.path(TIGHT)], "foxglove", tmp_path, "01")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -23,7 +22,7 @@ from station.kinematics.ik import IkInputs, solve_postures
 from tests.refusals import raises_refusal
 from tests.solver.inverse_kinematics.marked import random_postures, seen_from
 from tests.solver.references import NO_WEIGHT, SHARED
-from tests.station.command import Ran
+from tests.station.command import Station
 from tests.station.wearer import SOFT_TISSUE_MM, SPECS, WearerSession
 
 MODEL = bundled_model()
@@ -139,7 +138,7 @@ def test_the_command_line_overrides_the_time_range_of_the_set_up_with_a_finding(
 
 @pytest.mark.parametrize(("range_s", "is_reported"), [("0.1 0.295", False), ("0 5", True), ("-3 0.1", True)])
 @pytest.mark.parametrize("by_setup", [True, False])
-def test_a_file_that_does_not_cover_the_requested_time_is_reported(
+def test_a_file_that_is_too_short_is_reported(
     range_s: str, is_reported: bool, by_setup: bool, tmp_path: Path, capsys, monkeypatch
 ) -> None:
     trial(tmp_path)
@@ -183,7 +182,7 @@ def test_a_frame_without_markers_is_left_out_reported_and_code_3(tmp_path: Path,
         ('<IKCoordinateTask name="x"><value_type>guessed</value_type></IKCoordinateTask>', (), "value_type guessed"),
     ],
 )
-def test_a_set_up_that_does_not_fit_is_one_sentence(
+def test_a_wrong_set_up_is_one_sentence(
     tasks: str, words: tuple[str, ...], expected: str, tmp_path: Path, capsys, monkeypatch
 ) -> None:
     trial(tmp_path, frames=6)
@@ -238,7 +237,7 @@ def test_elements_that_change_nothing_here_and_another_tool_in_the_document_are_
 
 @pytest.mark.parametrize("spec", [pytest.param(POSE, marks=pytest.mark.slow), TIGHT], ids=["pose", "motion"])
 def test_known_joint_angles_come_back_within_the_soft_tissue_noise(
-    station: Callable[..., Ran], wearer: WearerSession, spec: object, tmp_path: Path
+    station: Station, wearer: WearerSession, spec: object, tmp_path: Path
 ) -> None:
     recording = wearer.path(spec)  # type: ignore[arg-type]
     assert station("export", recording, "--to", "trc", "--output", tmp_path).code == 0

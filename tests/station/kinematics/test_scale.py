@@ -70,9 +70,7 @@ def test_markers_of_the_models_own_size_leave_it_as_it_is(tmp_path: Path, capsys
     assert scaled.bodies[clavicle].mass == pytest.approx(1.1 * MODEL.bodies[clavicle].mass)
 
 
-def test_forces_of_the_model_are_scaled_and_written_and_those_left_out_are_named(
-    tmp_path: Path, capsys, monkeypatch
-) -> None:
+def test_forces_are_scaled_and_written_and_those_left_out_are_named(tmp_path: Path, capsys, monkeypatch) -> None:
     trial(tmp_path, frames=5)
     spring = PathSpring("band", MODEL.muscles[0].path, 0.1, 100.0, 0.0)
     lost = "<ElasticFoundationForce name='mesh'/></objects></ForceSet>"
@@ -109,9 +107,7 @@ def test_the_time_range_that_opensim_writes_unset_is_the_whole_trial(tmp_path: P
         ({"range": "5 9"}, "no frame between 5 and 9 s"),
     ],
 )
-def test_a_set_up_that_does_not_fit_is_one_sentence(
-    parts: dict[str, str], said: str, tmp_path: Path, capsys, monkeypatch
-) -> None:
+def test_a_wrong_set_up_is_one_sentence(parts: dict[str, str], said: str, tmp_path: Path, capsys, monkeypatch) -> None:
     trial(tmp_path, frames=5)
     code, printed = run(tmp_path, capsys, monkeypatch, **parts)
     assert (code, (tmp_path / "scaled.osim").exists()) == (1, False)
@@ -288,9 +284,7 @@ def test_an_output_that_would_replace_a_file_is_wrong_usage(station, lab: Path, 
 
 
 @pytest.mark.parametrize("words", [("ik", "--output", "q.mot", "--setup"), ("scale", "--output", "p.osim", "--setup")])
-def test_outputs_of_their_own_are_written_and_over_those_of_the_last_run(
-    station, lab: Path, words: tuple[str, ...]
-) -> None:
+def test_outputs_replace_those_of_the_last_run(station, lab: Path, words: tuple[str, ...]) -> None:
     for _ in range(2):
         ran = station(*words, f"{words[0]}.xml", "--write-setup", "used.xml")
         assert ran.code == DONE, ran.err

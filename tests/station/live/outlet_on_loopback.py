@@ -10,11 +10,11 @@ from contextlib import suppress
 from dataclasses import replace
 
 import pylsl
-import pytest
 
 from station.live.outlet import LslOutlet, OutletRefused, live_columns, live_row
 from station.live.published import NAN, LiveDelivery, LiveScenarioValues, LiveValues
 from station.messages.live_messages import LiveCode
+from tests.refusals import raises_refusal
 from tests.station.live.test_server import SETUP
 from tests.timeout import scaled_timeout
 
@@ -79,6 +79,5 @@ def test_an_inlet_reads_values_labels_and_units_and_the_sockets_are_on_the_loopb
 
 
 def test_an_unknown_interface_is_refused() -> None:
-    with pytest.raises(OutletRefused) as refused:
+    with raises_refusal(LiveCode.NO_INTERFACE, kind=OutletRefused):
         LslOutlet(NAME, "no-such-interface").begin(SETUP)
-    assert refused.value.code == LiveCode.NO_INTERFACE

@@ -45,9 +45,7 @@ def test_exchanged_labels_are_named(wearer: WearerSession, plan: PreparedTrial) 
     assert LiveCode.MARKERS_EXCHANGED not in plain.codes
 
 
-def test_a_wearer_who_leaves_the_volume_is_reported_and_values_resume(
-    wearer: WearerSession, plan: PreparedTrial
-) -> None:
+def test_values_resume_after_a_wearer_has_left_the_volume(wearer: WearerSession, plan: PreparedTrial) -> None:
     def leave(frame: int, values: Values) -> Values:
         return np.full_like(values, np.nan) if 20 <= frame < 100 else values
 

@@ -6,7 +6,6 @@ import csv
 import hashlib
 import json
 import shutil
-from collections.abc import Callable
 from pathlib import Path
 from threading import Event
 
@@ -28,7 +27,7 @@ from station.live.tap import LiveRequest, LiveTap
 from station.messages.live_messages import LiveCode
 from tests.drivers.pytest_on_loopback import passed_on_loopback
 from tests.refusals import raises_refusal
-from tests.station.command import Ran
+from tests.station.command import Station
 from tests.station.live.test_server import SETUP
 from tests.station.live.trials import TIGHT, Collected, PartOfTrial, generic_plan, part_of, solve
 from tests.station.wearer import WearerSession
@@ -150,15 +149,13 @@ def test_the_description_has_the_hash_of_the_recording_and_the_units(session: tu
     assert plain["origin"] == "simulated" and not plain["is_scaled"]
 
 
-def test_no_verb_takes_the_table_for_a_recording(
-    session: tuple[Path, Collected], tmp_path: Path, station: Callable[..., Ran]
-) -> None:
+def test_the_table_is_no_recording(session: tuple[Path, Collected], tmp_path: Path, station: Station) -> None:
     recording, _ = session
     assert station("info", live_path(recording)).code == 1
     assert station("export", live_path(recording), "--to", "csv", "--output", tmp_path).code == 1
 
 
-def test_a_live_process_that_was_killed_leaves_its_rows_without_a_description(
+def test_a_killed_live_process_leaves_its_rows_without_a_description(
     session: tuple[Path, Collected], tmp_path: Path
 ) -> None:
     recording, kept = session

@@ -43,9 +43,7 @@ def bits(kept: Collected) -> list[bytes]:
     return [UPDATE.dump_json(LiveUpdate(values, SAME_DELIVERY)) for values in kept.values]
 
 
-def test_live_and_replay_give_the_same_values_to_the_bit(
-    wearer: WearerSession, plan: PreparedTrial, replayed: Collected
-) -> None:
+def test_live_and_replay_give_equal_values(wearer: WearerSession, plan: PreparedTrial, replayed: Collected) -> None:
     """The live side passes through the pipe of the recorder; the sync edge restarts both."""
     part = part_of(wearer, FRAMES)
     messages = [encode_message(stream, 0, 0.0) for stream in part.streams]
@@ -62,7 +60,7 @@ def test_live_and_replay_give_the_same_values_to_the_bit(
     assert bits(live) == bits(replayed)
 
 
-def test_another_rest_length_acts_from_the_next_frame_on(
+def test_another_rest_length_acts_from_the_next_frame(
     wearer: WearerSession, plan: PreparedTrial, replayed: Collected
 ) -> None:
     """A cord of stiffness k that is 10 mm shorter pulls k × 10 mm more (solver/suit/suit.toml: 1000 N/m)."""

@@ -42,6 +42,7 @@ from station.live.subscription import (
     withdraw,
 )
 from station.messages.live_messages import LiveCode
+from tests.refusals import raises_refusal
 from tests.timeout import scaled_timeout
 
 SETUP = LiveSetup(
@@ -113,7 +114,7 @@ def test_a_wrong_request_is_closed_and_a_wrong_command_ignored(request_line: byt
         "",
     ],
 )
-def test_an_address_that_is_none_is_ignored_with_a_sentence(
+def test_a_wrong_address_is_ignored_with_a_sentence(
     tmp_path: Path, content: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (tmp_path / ADDRESS_FILE).write_text(content)
@@ -233,15 +234,12 @@ def test_a_command_of_a_view_reaches_the_process() -> None:
 
 
 def test_a_view_without_the_token_gets_nothing() -> None:
-    with LiveServer(SETUP, ignore) as server, pytest.raises(LiveUnreachable) as refused:
+    with LiveServer(SETUP, ignore) as server, raises_refusal(LiveCode.UNREACHABLE, kind=LiveUnreachable):
         LiveSubscription(LiveAddress(server.address.port, "guessed"))
-    assert refused.value.code == LiveCode.UNREACHABLE
 
 
 @pytest.mark.parametrize("last", [(), (replace(update(11), values=None),)], ids=["values", "no values"])
-def test_views_get_no_more_updates_a_second_than_they_draw_and_the_newest_values_at_the_end(
-    last: tuple[LiveUpdate, ...],
-) -> None:
+def test_views_get_the_updates_that_they_draw_and_the_newest_values_at_the_end(last: tuple[LiveUpdate, ...]) -> None:
     """An update that only says how values are delivered does not take the place of values."""
     with LiveServer(SETUP, ignore, rate_hz=1e-3) as server, LiveSubscription(server.address) as view:
         wait_for(lambda: server.views == 1, view)

@@ -47,7 +47,7 @@ def cannot_start() -> Child:
 
 
 @pytest.mark.parametrize("command", [crashes, cannot_start])
-def test_a_recording_is_whole_although_the_live_process_ends(
+def test_a_recording_outlives_the_live_process(
     command: Callable[[], Child], tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     config = wearer_config()

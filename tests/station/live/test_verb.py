@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import io
 import json
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -28,7 +27,7 @@ from station.live.published import (
 )
 from station.live.terminal_view import LiveSummary, best_sentence, render
 from station.messages.live_messages import LiveCode
-from tests.station.command import Ran
+from tests.station.command import Station
 from tests.station.live.test_server import SETUP
 from tests.station.wearer import SPECS, WearerSession
 
@@ -44,9 +43,7 @@ def frames_after_edge(path: Path) -> int:
     return count
 
 
-def test_a_recording_is_solved_and_its_result_written(
-    wearer: WearerSession, tmp_path: Path, station: Callable[..., Ran]
-) -> None:
+def test_the_result_of_a_recording_is_written(wearer: WearerSession, tmp_path: Path, station: Station) -> None:
     pose = wearer.path(SPECS[0])
     ran = station("live", pose, "--output", tmp_path, "--format", "json")
     plain = json.loads(ran.out)
@@ -61,7 +58,7 @@ def test_a_recording_is_solved_and_its_result_written(
     assert plain["scenarios"][1]["effort"] == pytest.approx(ratio)
 
 
-def test_a_folder_without_a_running_trial_is_refused(tmp_path: Path, station: Callable[..., Ran]) -> None:
+def test_a_folder_without_a_running_trial_is_refused(tmp_path: Path, station: Station) -> None:
     ran = station("live", tmp_path)
     assert ran.code == 1 and LiveCode.UNREACHABLE in ran.err
 

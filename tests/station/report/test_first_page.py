@@ -96,9 +96,7 @@ def _number(value: float | None, *ci95: float) -> dict[str, Any]:
         (_number(None), "–", "effort not known"),
     ],
 )
-def test_an_effort_is_stated_as_what_is_saved_and_a_bound_is_no_figure(
-    number: dict[str, Any], text: str, words: str
-) -> None:
+def test_an_effort_is_stated_as_what_it_saves_or_as_a_bound(number: dict[str, Any], text: str, words: str) -> None:
     entry = located(NumberEntry.model_validate(number), Source.of("assessment.json"))
     shown = [str(form(entry)).replace(UNBROKEN, "~") for form in (saving, saving_in_words)]
     assert shown == [text, words.format(" effort than with a slack cord")], "~ is a no-break space"
@@ -124,7 +122,7 @@ def test_a_number_has_the_place_of_its_key_in_the_file() -> None:
         (("hand", "tube"), FIT_ONLY, f"Not decided between hand and tube; hand has the least effort so far: {SAVED}."),
     ],
 )
-def test_the_answer_names_cuff_saving_and_rest_length_and_no_command(
+def test_the_answer_names_cuff_saving_and_length(
     cuffs: tuple[str, ...], decision: dict[str, Any], beginning: str
 ) -> None:
     plain = _assessment(decision=_decision(decision), **_of_cuffs(*cuffs))
@@ -180,7 +178,7 @@ def test_the_page_says_whose_body_and_motion_it_is(more: dict[str, Any], words: 
         (_number(None), 3, "–"),
     ],
 )
-def test_an_interval_of_the_fit_alone_gives_at_most_the_decimals_of_its_table(
+def test_a_narrow_interval_gives_at_most_the_decimals_of_its_table(
     number: dict[str, Any], digits: int, text: str
 ) -> None:
     entry = located(NumberEntry.model_validate(number), Source.of("assessment.json"))

@@ -56,9 +56,7 @@ def written(tmp_path_factory: pytest.TempPathFactory, received: list[tuple[str, 
     return write_report(tmp_path_factory.mktemp("report"), _fitted(), lambda *step: received.append(step))
 
 
-def test_a_cuff_has_its_fit_and_its_checks_in_two_figures_and_the_page_stays_small(
-    written: Path, received: list[tuple[str, int, int]]
-) -> None:
+def test_a_cuff_has_two_figures_and_the_page_stays_small(written: Path, received: list[tuple[str, int, int]]) -> None:
     page = written.read_text(encoding="utf-8")
     captions = re.findall(r"<figcaption>(.*?)</figcaption>", page)
     assert [caption.split()[0] for caption in captions] == ["Held", "Checks"]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +22,7 @@ from station.messages.setup_messages import FolderCode
 from station.report.page import ReportError, read_results, render, write_report
 from station.report.recomputation import TOLERANCE, Difference, differences, recomputed_links
 from tests.refusals import raises_refusal
-from tests.station.command import Ran, assert_refused
+from tests.station.command import Station, assert_refused
 from tests.station.foreign import static_and_dynamic
 from tests.station.reported import DYNAMIC, STATIC
 
@@ -48,7 +48,7 @@ def by_what(links: Iterable[Link]) -> dict[str, Link]:
     return {link.what.split(",")[0]: link for link in links}
 
 
-def test_verify_computes_the_same_numbers_again_on_request(reported: Path, station: Callable[..., Ran]) -> None:
+def test_verify_computes_the_same_numbers_again_on_request(reported: Path, station: Station) -> None:
     again = [
         "cuffs.json ← fit of the recordings",
         "report.json ← fit of the recordings",
@@ -73,9 +73,7 @@ def test_a_result_whose_every_hash_was_written_again_does_not_follow_from_the_sa
     assert link.detail.startswith("/cuffs/hand/stiffness_n_per_m/value ")
 
 
-def test_another_recording_is_no_source_and_a_sentence_that_an_older_station_worded_otherwise_breaks_nothing(
-    session: Path,
-) -> None:
+def test_another_recording_is_no_source_and_an_older_sentence_breaks_nothing(session: Path) -> None:
     (session / STATIC).unlink()
     static_and_dynamic(4)[0].record(session / STATIC)
     path = session / "assessment.json"
@@ -141,7 +139,7 @@ def test_differences_are_named_by_their_json_pointer() -> None:
     assert text.size == Difference("", 1.0, None).size == float("inf")
 
 
-def test_one_number_is_followed_to_its_samples(reported: Path, station: Callable[..., Ran]) -> None:
+def test_one_number_is_followed_to_its_samples(reported: Path, station: Station) -> None:
     ran = station("verify", reported, "--number", STIFFNESS, "--format", "json")
     chain = json.loads(ran.out)
     assert ran.code == 0 and chain["faults"] == [] and chain["source_standing"] == Standing.AS_RECORDED
@@ -152,9 +150,7 @@ def test_one_number_is_followed_to_its_samples(reported: Path, station: Callable
     assert STATIC in station("verify", reported, "--number", STIFFNESS).out
 
 
-def test_a_number_that_does_not_follow_ends_with_1_and_an_unknown_one_is_refused(
-    session: Path, station: Callable[..., Ran]
-) -> None:
+def test_a_number_that_does_not_follow_and_an_unknown_one_have_code_1(session: Path, station: Station) -> None:
     page = (session / "report.html").read_text(encoding="utf-8")
     (session / "report.html").write_text(page.replace(f'id="{STIFFNESS}"', 'id="x"'), encoding="utf-8")
     ran = station("verify", session, "--number", STIFFNESS)

@@ -29,9 +29,7 @@ def test_the_page_of_a_leg_without_a_requested_joint_names_the_option_and_no_gle
 
 
 @pytest.mark.parametrize(("frames", "muscles"), [(1, 1), (1, 4), (5, 1)])
-def test_a_frame_without_a_solution_is_grey_also_where_it_or_its_muscle_is_the_only_one(
-    frames: int, muscles: int
-) -> None:
+def test_an_unsolved_frame_is_grey_also_where_it_or_its_muscle_is_alone(frames: int, muscles: int) -> None:
     unsolved = SimpleNamespace(time=0.01 * np.arange(frames), activations=np.full((frames, muscles), np.nan))
     model = SimpleNamespace(muscle_names=[f"muscle_{number}" for number in range(muscles)])
     figure: Any = Figure()

@@ -6,7 +6,6 @@ import json
 import math
 import re
 import shutil
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -28,7 +27,7 @@ from station.study.sessions import StudyError, read_session, read_sessions, sele
 from station.study.study_document import NormativePlace, StudyDocument, make_study, read_normative
 from station.study.study_page import forest_chart
 from tests.refusals import raises_refusal
-from tests.station.command import Ran, assert_refused
+from tests.station.command import Station, assert_refused
 from tests.station.study.synthetic_sessions import CUFF_FACTORS, STIFFNESS, write_sessions
 
 ROOT = Path(__file__).parents[3]
@@ -77,9 +76,7 @@ def test_the_cuffs_differ_over_volunteers_by_what_they_were_drawn_with(document:
     assert found.difference.ci95[0] <= expected <= found.difference.ci95[1]
 
 
-def test_the_verb_writes_study_normative_table_and_page(
-    folder: Path, tmp_path: Path, station: Callable[..., Ran]
-) -> None:
+def test_the_verb_writes_study_table_and_page(folder: Path, tmp_path: Path, station: Station) -> None:
     ran = station("study", folder, "--output", tmp_path)
     assert ran.code == 0, ran.err
     written = StudyDocument.model_validate_json((tmp_path / "study.json").read_bytes())
@@ -105,9 +102,7 @@ def test_one_volunteer_one_operator_and_one_repeat_have_outcomes(tmp_path: Path)
     assert found.prediction is None
 
 
-def test_a_single_donning_is_too_little_and_cuffs_of_one_volunteer_are_not_compared(
-    tmp_path: Path, station: Callable[..., Ran]
-) -> None:
+def test_one_donning_is_too_little_and_one_volunteer_no_comparison(tmp_path: Path, station: Station) -> None:
     write_sessions(tmp_path, 1, operators=1, donnings=1, repeats=1)
     found = make_study(read_sessions([tmp_path]))
     assert found.cuffs["hand"]["stiffness"].outcome is StudyOutcome.TOO_FEW
@@ -164,9 +159,7 @@ def test_measured_and_simulated_sessions_are_not_mixed(tmp_path: Path) -> None:
     assert refused.value.code == "study.mixed_origin"
 
 
-def test_a_folder_without_sessions_is_refused_and_nothing_is_written(
-    tmp_path: Path, station: Callable[..., Ran]
-) -> None:
+def test_a_folder_without_sessions_is_refused(tmp_path: Path, station: Station) -> None:
     for given, code in ((tmp_path, StudyCode.NO_SESSION), (tmp_path / "missing", FolderCode.NOT_A_FOLDER)):
         assert_refused(station("study", given, "--output", tmp_path / "out"), 1, code)
     assert not (tmp_path / "out").exists()
@@ -192,9 +185,7 @@ def test_a_journal_without_a_code_is_not_said_to_be_missing(tmp_path: Path) -> N
         assert isinstance(found, Message) and found.code == code
 
 
-def test_the_page_says_why_the_reliability_is_not_estimated_and_has_units(
-    tmp_path: Path, station: Callable[..., Ran]
-) -> None:
+def test_the_page_says_why_there_is_no_reliability_and_has_units(tmp_path: Path, station: Station) -> None:
     write_sessions(tmp_path / "sessions", 3, operators=1, donnings=1, repeats=2)
     write_sessions(tmp_path / "sessions" / "unfitted", 1, operators=1)[0].joinpath("cuffs.json").unlink()
     assert station("study", tmp_path / "sessions", "--output", tmp_path).code == 3
@@ -251,9 +242,7 @@ def test_a_session_takes_the_time_of_its_parts(example: Path) -> None:
     assert session_minutes(read_study_plan(example), 1, 1, 5) == pytest.approx(30 + 2 * (5 + (77 + 28 + 60) / 60))
 
 
-def test_the_console_reads_the_protocol_that_is_written(
-    example: Path, tmp_path: Path, station: Callable[..., Ran]
-) -> None:
+def test_the_console_reads_the_written_protocol(example: Path, tmp_path: Path, station: Station) -> None:
     ran = station("plan", example, "--output", tmp_path / "planned", "--config", CONFIG)
     assert ran.code == 0, ran.err
     best = json.loads((tmp_path / "planned" / "plan.json").read_text(encoding="utf-8"))["designs"][0]
@@ -263,9 +252,7 @@ def test_the_console_reads_the_protocol_that_is_written(
     assert planned.model_copy(update={"protocol": before.protocol}) == before
 
 
-def test_the_protocol_is_replaced_and_what_follows_it_is_kept_also_of_a_windows_editor(
-    example: Path, tmp_path: Path
-) -> None:
+def test_the_protocol_alone_is_replaced_also_of_a_windows_editor(example: Path, tmp_path: Path) -> None:
     text = CONFIG.read_text(encoding="utf-8")
     before, after = text[: text.index("[protocol]")], text[text.index("[bounce]") :]
     plan = read_study_plan(example)
@@ -284,9 +271,7 @@ def test_the_protocol_is_replaced_and_what_follows_it_is_kept_also_of_a_windows_
     assert planned(begins_with_it, encoding="utf-8-sig", newline="\r\n") == planned(begins_with_it)
 
 
-def test_a_difference_that_is_too_small_has_an_outcome_and_an_exit_code(
-    example: Path, tmp_path: Path, station: Callable[..., Ran]
-) -> None:
+def test_a_difference_that_is_too_small_has_an_outcome(example: Path, tmp_path: Path, station: Station) -> None:
     example.write_text(EXAMPLE.replace("difference = 20", "difference = 0.1"), encoding="utf-8")
     ran = station("plan", example, "--output", tmp_path / "planned", "--config", CONFIG)
     assert ran.code == 3
@@ -306,16 +291,14 @@ def test_a_difference_that_is_too_small_has_an_outcome_and_an_exit_code(
     ],
 )
 def test_a_plan_that_cannot_be_used_is_refused_by_code_and_nothing_is_written(
-    found: str, written: str, code: PlanCode, example: Path, tmp_path: Path, station: Callable[..., Ran]
+    found: str, written: str, code: PlanCode, example: Path, tmp_path: Path, station: Station
 ) -> None:
     example.write_text(EXAMPLE.replace(found, written), encoding="utf-8")
     assert_refused(station("plan", example, "--output", tmp_path / "planned", "--config", CONFIG), 1, code)
     assert not (tmp_path / "planned").exists()
 
 
-def test_a_configuration_without_a_protocol_is_refused(
-    example: Path, tmp_path: Path, station: Callable[..., Ran]
-) -> None:
+def test_a_config_without_a_protocol_is_refused(example: Path, tmp_path: Path, station: Station) -> None:
     (tmp_path / "other.toml").write_text("[daq]\n", encoding="utf-8")
     ran = station("plan", example, "--output", tmp_path / "planned", "--config", tmp_path / "other.toml")
     assert_refused(ran, 1, PlanCode.NO_PROTOCOL)

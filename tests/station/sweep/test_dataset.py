@@ -87,7 +87,7 @@ def test_uneven_steps_and_loads_that_are_off_are_remarks_of_their_cases(tmp_path
         assert ("off.xml" in row["remarks"]) == (row["external_loads"] == "off.xml")
 
 
-def test_a_motion_without_a_column_is_that_with_the_default_and_is_read_once(
+def test_a_motion_without_a_column_has_the_default_and_is_read_once(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     model, raised = bundled_model(), simulate_arm_raise(bundled_model())
@@ -224,7 +224,7 @@ def test_a_changed_solver_of_the_same_version_solves_again(tmp_path: Path, monke
         ('suit = "none.toml"', SuitError, SolverCode.SUIT_FILE, "none.toml"),
     ],
 )
-def test_a_missing_file_ends_the_sweep_before_it_begins(
+def test_a_missing_file_is_refused(
     tmp_path: Path, vary: str, error: type[SolverError | PlanError], code: StrEnum, file: str
 ) -> None:
     with pytest.raises(error) as caught:
@@ -305,19 +305,15 @@ def test_a_latin_hypercube_has_one_point_in_every_part_of_a_span(tmp_path: Path)
         ("model = ", "", SweepCode.UNREADABLE, "plan.toml"),
     ],
 )
-def test_a_wrong_plan_is_refused_with_the_name_of_its_key(
-    tmp_path: Path, vary: str, head: str, code: SweepCode, key: str
-) -> None:
-    with raises_refusal(code, kind=PlanError) as caught:
+def test_a_wrong_plan_is_refused_by_its_key(tmp_path: Path, vary: str, head: str, code: SweepCode, key: str) -> None:
+    with raises_refusal(code, key, kind=PlanError):
         read_plan(write_plan(tmp_path, vary, head))
-    assert key in str(caught.value)
 
 
 def test_a_plan_without_cuffs_and_one_that_is_missing_are_refused(tmp_path: Path) -> None:
     (tmp_path / "bare.toml").write_text("[vary]\n", encoding="utf-8")
-    with raises_refusal(SweepCode.WRONG_TABLE, kind=PlanError) as caught:
+    with raises_refusal(SweepCode.WRONG_TABLE, "vary.cuffs", kind=PlanError):
         read_plan(tmp_path / "bare.toml")
-    assert "vary.cuffs" in str(caught.value)
     (tmp_path / "empty.toml").write_text("", encoding="utf-8")
     with raises_refusal(SweepCode.WRONG_TABLE, kind=PlanError):
         read_plan(tmp_path / "empty.toml")

@@ -6,7 +6,6 @@ import csv
 import io
 import re
 import shutil
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -37,7 +36,7 @@ from station.validation.lifts import (
 )
 from tests.conftest import SHARED
 from tests.refusals import raises_refusal
-from tests.station.command import Ran, assert_refused
+from tests.station.command import Station, assert_refused
 
 SUBJECT = SHARED / "subject"
 VARIANTS = ("none", "circle", "ellipse")
@@ -152,7 +151,7 @@ def test_the_csv_has_a_row_per_lift_and_variant(solved: list[SolvedVariant], tmp
 
 
 @pytest.mark.shared
-def test_the_command_draws_and_fails_beyond_the_limits(station: Callable[..., Ran], tmp_path: Path) -> None:
+def test_the_command_draws_and_fails_beyond_the_limits(station: Station, tmp_path: Path) -> None:
     copied(tmp_path, "S8R_back")
     ran = station("validate", tmp_path, "--plot", tmp_path / "forces.svg")
     assert ran.code == DONE
@@ -162,9 +161,7 @@ def test_the_command_draws_and_fails_beyond_the_limits(station: Callable[..., Ra
 
 
 @pytest.mark.shared
-def test_a_lift_of_another_name_and_order_of_columns_is_the_same_lift(
-    solved: list[SolvedVariant], tmp_path: Path
-) -> None:
+def test_a_lift_with_another_name_and_order_of_columns_is_the_same(solved: list[SolvedVariant], tmp_path: Path) -> None:
     """Without the record relative to the glenoid, the size is that of the implant's record."""
     copied(tmp_path, "S8R_side", "P2_front")
     (tmp_path / f"P2_front{GLENOID}").unlink()
@@ -187,7 +184,7 @@ def test_a_lift_of_another_name_and_order_of_columns_is_the_same_lift(
 
 
 @pytest.mark.shared
-def test_a_lift_that_is_refused_leaves_the_others(station: Callable[..., Ran], tmp_path: Path) -> None:
+def test_a_lift_that_is_refused_leaves_the_others(station: Station, tmp_path: Path) -> None:
     copied(tmp_path, "S8R_back")
     copied(tmp_path, "S8R_side", "S8R_front")
     record = tmp_path / "S8R_front_measured_force.txt"
@@ -209,9 +206,7 @@ def test_a_motion_that_was_cut_is_reported(tmp_path: Path) -> None:
 
 
 @pytest.mark.shared
-def test_a_published_solution_that_was_cut_is_compared_over_its_own_time_and_is_not_complete(
-    station: Callable[..., Ran], tmp_path: Path
-) -> None:
+def test_a_cut_published_solution_is_compared_over_its_own_time(station: Station, tmp_path: Path) -> None:
     """All figures of its row are of the frames that have a published force."""
     copied(tmp_path, "S8R_back")
     keep_lines(tmp_path / "S8R_back_published_circle.txt", 60)
@@ -304,7 +299,7 @@ def test_a_lift_with_wrong_files_is_refused(tmp_path: Path) -> None:
         read_lift(tmp_path, "S8R_back", ())
 
 
-def test_a_folder_without_a_whole_lift_is_refused(station: Callable[..., Ran], tmp_path: Path) -> None:
+def test_a_folder_without_a_whole_lift_is_refused(station: Station, tmp_path: Path) -> None:
     assert_refused(station("validate", tmp_path / "none"), FAILED, FolderCode.NOT_A_FOLDER)
     assert_refused(station("validate", tmp_path), FAILED, ValidationCode.NO_LIFT)
     (tmp_path / "P1_side_as_solved.osim").touch()
@@ -313,9 +308,7 @@ def test_a_folder_without_a_whole_lift_is_refused(station: Callable[..., Ran], t
 
 
 @pytest.mark.parametrize("option", ["--output", "--plot"])
-def test_an_output_that_cannot_be_written_is_refused_before_a_lift_is_solved(
-    station: Callable[..., Ran], tmp_path: Path, option: str
-) -> None:
+def test_an_output_that_cannot_be_written_is_refused(station: Station, tmp_path: Path, option: str) -> None:
     suffix = {"--output": ".csv", "--plot": ".svg"}[option]
     (tmp_path / f"folder{suffix}").mkdir()
     (tmp_path / "file").touch()

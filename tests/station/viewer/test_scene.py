@@ -245,9 +245,7 @@ def test_there_is_one_timeline(said: str, entity: str) -> None:
 
 
 @pytest.mark.parametrize(("entity", "spacing_ns"), [("/force", 10_000_000), ("/markers", 40_000_000)])
-def test_samples_lie_where_their_device_s_clock_puts_them_however_late_they_come(
-    said: str, entity: str, spacing_ns: int
-) -> None:
+def test_late_samples_lie_where_the_clock_of_their_device_puts_them(said: str, entity: str, spacing_ns: int) -> None:
     after = [time for time in times_of(said, entity) if time >= EDGE_DEVICE_NS + DELAY_NS]
     assert len(after) >= 25
     assert set(np.diff(after)[1:].tolist()) == {spacing_ns}, (
