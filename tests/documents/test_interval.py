@@ -16,20 +16,35 @@ from documents.interval import (
 )
 
 
-def test_an_interval_has_two_digits_of_its_half_width() -> None:
+@pytest.mark.parametrize(
+    ("number", "ci95", "text"),
+    [
+        (2140.123, (2134.323, 2145.923), "2140.1 ± 5.8"),
+        (1.0, (1.0 - 0.0996, 1.0 + 0.0996), "1.00 ± 0.10"),  # no third figure where it rounds up to a power of ten
+        (0.88, (0.39, 0.97), "0.88 (0.39 to 0.97)"),  # both ends, where the halves differ in the printed digits
+        (0.88, (0.7501, 1.0100), "0.88 ± 0.13"),
+        (5.0, (1.0, 9.08), "5.0 ± 4.0"),  # the halves differ by 0.08, less than a digit
+        (0.0, (-10.0, 11.0), "0 ± 10"),  # by one digit
+        (-0.0004, (-0.1204, 0.1196), "0.00 ± 0.12"),  # zero has no sign
+        (-2.0, (-4.0, 0.0), "−2.0 ± 2.0"),
+    ],
+)
+def test_an_interval_has_two_digits_of_its_half_width(number: float, ci95: tuple[float, float], text: str) -> None:
+    assert plus_minus(number, ci95).replace("\u00a0", " ") == text
+
+
+def test_an_interval_in_brackets_has_no_break_spaces_and_minus_signs() -> None:
     assert bracketed(0.89893, (0.89881, 0.89905)) == "0.89893 (0.89881\u00a0to\u00a00.89905)"
-    assert plus_minus(2140.123, (2134.323, 2145.923)) == "2140.1 ± 5.8"
     assert bracketed(8524.4, (8480.4, 8567.9)) == "8524 (8480\u00a0to\u00a08568)"
+    assert bracketed(-2267.0, (-3431.0, -1103.0)) == "−2267 (−3431\u00a0to\u00a0−1103)"
+    assert plus_minus(0.00695, (0.00581, 0.00731), 100.0) == "0.695 (0.581\u00a0to\u00a00.731)"
+    assert between((-3.0, -1.0)) == "−3.0 to −1.0"
 
 
 @pytest.mark.parametrize("half", [9.4e-7, 0.00012, 0.0996, 0.5, 1.04, 9.96, 43.0, 1234.0])
 def test_the_ends_of_an_interval_never_look_the_same(half: float) -> None:
     low, high = between((0.9 - half, 0.9 + half)).replace("−", "-").split(" to ")
     assert float(high) - float(low) == pytest.approx(2 * half, rel=0.06)
-
-
-def test_a_half_width_that_rounds_up_to_the_next_power_of_ten_has_no_third_figure() -> None:
-    assert plus_minus(1.0, (1.0 - 0.0996, 1.0 + 0.0996)) == "1.00 ± 0.10"
 
 
 def test_a_scale_is_applied_before_rounding_and_a_negative_one_swaps_the_ends() -> None:
@@ -87,28 +102,10 @@ def test_an_end_that_is_a_bound_is_no_figure(censored: str | None, text: str) ->
     assert bracketed(0.7, (0.6, 0.8), censored=censored).replace("\u00a0", " ") == text
 
 
-def test_both_ends_of_an_interval_are_shown_where_its_halves_differ_in_the_printed_digits() -> None:
-    assert plus_minus(0.88, (0.39, 0.97)) == "0.88 (0.39\u00a0to\u00a00.97)"
-    assert plus_minus(0.00695, (0.00581, 0.00731), 100.0) == "0.695 (0.581\u00a0to\u00a00.731)"
-    assert plus_minus(0.88, (0.7501, 1.0100)) == "0.88 ± 0.13"
-    assert plus_minus(5.0, (1.0, 9.08)) == "5.0 ± 4.0", "the halves differ by 0.08, less than a digit"
-    assert plus_minus(0.0, (-10.0, 11.0)) == "0 ± 10", "by one digit"
-
-
 def test_a_number_with_its_standard_error_has_two_digits_of_the_error_or_six_of_its_own() -> None:
     assert with_error(8514.7, 29.7) == "8515 ± 30"
     assert with_error(-0.2196, 0.00949) == "-0.2196 ± 0.0095"
     assert with_error(8514.74321, 0.0) == "8514.74"
-
-
-def test_zero_has_no_sign() -> None:
-    assert plus_minus(-0.0004, (-0.1204, 0.1196)) == "0.00 ± 0.12"
-
-
-def test_negative_numbers_have_a_minus_sign() -> None:
-    assert bracketed(-2267.0, (-3431.0, -1103.0)) == "−2267 (−3431\u00a0to\u00a0−1103)"
-    assert plus_minus(-2.0, (-4.0, 0.0)) == "−2.0 ± 2.0"
-    assert between((-3.0, -1.0)) == "−3.0 to −1.0"
 
 
 @pytest.mark.parametrize(

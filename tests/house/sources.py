@@ -1,10 +1,15 @@
-"""The Python files of the project, each parsed once for all tests of the house."""
+"""The Python files of the project, each parsed once for all tests of the house, and Python in a process of its own."""
 
 from __future__ import annotations
 
 import ast
+import os
+import subprocess
+import sys
 from functools import cache
 from pathlib import Path
+
+from tests.timeout import scaled_timeout
 
 ROOT = Path(__file__).parents[2]
 FOLDERS = ("cuffstation", "station", "drivers", "recordings", "fitting", "solver", "documents")
@@ -25,3 +30,18 @@ def nodes_of(path: Path) -> tuple[ast.AST, ...]:
 def name_of(path: Path) -> str:
     """Path in the project, with slashes."""
     return path.relative_to(ROOT).as_posix()
+
+
+def run_python(
+    *words: object, folder: Path = ROOT, program: str = sys.executable, patience_s: float = 280.0, **variables: str
+) -> subprocess.CompletedProcess[str]:
+    """Run Python, or another program, with these words and variables of the environment, in the folder."""
+    return subprocess.run(  # noqa: S603  (our own words)
+        [program, *map(str, words)],
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=scaled_timeout(patience_s),
+        env={**os.environ, **variables},
+    )

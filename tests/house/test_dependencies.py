@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import os
 import re
 import subprocess
-import sys
 import tomllib
 from importlib.metadata import packages_distributions
 from pathlib import Path
@@ -15,15 +13,14 @@ from packaging.requirements import Requirement
 
 from benchmarks.wheels import refused, resolve
 from station.extras import EXTRAS_OF_VERB, PACKAGES
+from tests.house.sources import ROOT, run_python
 
-ROOT = Path(__file__).parents[2]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 ONE_OF_EACH_EXTRA = ("check", "serve", "sweep")
 
 
 def test_what_is_imported_is_declared_and_what_is_declared_is_imported() -> None:
-    deptry = [sys.executable, "-m", "deptry", "--no-ansi", "."]
-    seen = subprocess.run(deptry, cwd=ROOT, capture_output=True, text=True, check=False)  # noqa: S603
+    seen = run_python("-m", "deptry", "--no-ansi", ".")
     assert seen.returncode == 0, seen.stderr
 
 
@@ -44,14 +41,10 @@ def test_the_set_up_line_of_the_readme_installs_every_extra_of_the_station() -> 
 
 
 @pytest.mark.slow
-def test_the_library_reads_fits_draws_and_solves_without_an_extra(session: Path) -> None:
+def test_the_library_and_the_verbs_of_an_analyst_run_without_an_extra(session: Path) -> None:
     ran = _small("library", session)
     assert ran.returncode == 0, ran.stderr
     assert "hand" in ran.stdout
-
-
-@pytest.mark.slow
-def test_the_verbs_of_an_analyst_run_without_an_extra(session: Path) -> None:
     recording = next(path for path in sorted(session.glob("*.mcap")) if "static" in path.name)
     ran = _small(
         "info", recording, "+", "replay", recording, "--speed", "50", "+", "fit", session, "+", "report", session
@@ -95,9 +88,8 @@ def test_an_option_that_needs_an_extra_names_it_in_one_sentence(session: Path, t
 
 
 def _small(*words: object, folder: Path = ROOT) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-m", "tests.house.small_install", *map(str, words)]
-    environment = {**os.environ, "PYTHONPATH": str(ROOT), "MPLBACKEND": "agg"}
-    return subprocess.run(command, capture_output=True, text=True, check=False, cwd=folder, env=environment)  # noqa: S603
+    here = {"PYTHONPATH": str(ROOT), "MPLBACKEND": "agg"}
+    return run_python("-m", "tests.house.small_install", *words, folder=folder, **here)
 
 
 def _plain(distribution: str) -> str:
@@ -105,10 +97,7 @@ def _plain(distribution: str) -> str:
 
 
 def test_without_a_package_index_the_platforms_are_skipped_with_a_message(tmp_path: Path) -> None:
-    environment = {**os.environ, "UV_OFFLINE": "1", "UV_CACHE_DIR": str(tmp_path), "PYTHONPATH": str(ROOT)}
-    ran = subprocess.run(
-        [sys.executable, "-m", "benchmarks.wheels"], capture_output=True, text=True, check=False, env=environment
-    )
+    ran = run_python("-m", "benchmarks.wheels", UV_OFFLINE="1", UV_CACHE_DIR=str(tmp_path))
     assert ran.returncode == 0 and ran.stdout == ""
     assert ran.stderr.startswith("skipped: no package index can be reached")
 

@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-import os
 import re
 import runpy
 import shutil
-import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 
+from tests.house.sources import ROOT, run_python
 from tests.timeout import scaled_timeout
 
-ROOT = Path(__file__).parents[2]
 SCRIPTS = sorted((ROOT / "examples").glob("*.py"))
 USER_SCRIPT = """
 import matplotlib.pyplot as plt
@@ -107,13 +105,5 @@ def test_the_code_of_a_page_draws_its_pictures(page: str, tmp_path: Path, monkey
 def test_the_examples_and_a_script_of_a_user_pass_a_strict_check_of_types(tmp_path: Path) -> None:
     script = tmp_path / "of_a_user.py"
     script.write_text(USER_SCRIPT, encoding="utf-8")
-    ran = subprocess.run(  # noqa: S603
-        [sys.executable, "-m", "mypy", "--strict", *map(str, [*SCRIPTS, script])],
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=scaled_timeout(280),
-        env={**os.environ, "MYPYPATH": str(ROOT)},
-    )
+    ran = run_python("-m", "mypy", "--strict", *SCRIPTS, script, MYPYPATH=str(ROOT))
     assert ran.returncode == 0, ran.stdout

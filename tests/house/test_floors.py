@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import ast
 import re
-import subprocess
-import sys
 import tomllib
 from pathlib import Path
 
@@ -14,7 +12,7 @@ import scipy.constants
 
 from recordings import standard_gravity
 from station.config import StationConfig, load_config, nested_keys, parse_config
-from tests.house.sources import ROOT, SOURCES, name_of, nodes_of, text_of
+from tests.house.sources import ROOT, SOURCES, name_of, nodes_of, run_python, text_of
 
 PACKAGES = ("station", "drivers", "recordings", "fitting", "solver", "documents")
 DRAWERS = {"utils", "util", "misc", "helpers", "common", "core", "base", "manager"}
@@ -23,7 +21,7 @@ DRAWERS = {"utils", "util", "misc", "helpers", "common", "core", "base", "manage
 def test_imports_keep_the_contracts() -> None:
     """In a process of its own: the linter turns off every logger that is there already."""
     look = "import sys; from importlinter.cli import lint_imports; sys.exit(lint_imports(no_cache=True))"
-    seen = subprocess.run([sys.executable, "-c", look], cwd=ROOT, capture_output=True, text=True, check=False)  # noqa: S603
+    seen = run_python("-c", look)
     assert seen.returncode == 0, seen.stdout
 
 
@@ -134,12 +132,5 @@ def test_only_audit_and_replay_mention_the_configuration_that_was_in_force() -> 
 
 def _mentions(path: Path) -> bool:
     """Whether the code, beyond docstrings, uses the name as an attribute, a variable, a keyword or a key."""
-    for node in nodes_of(path):
-        used = {getattr(node, field, None) for field in ("attr", "id", "arg", "value") if _is_text(node, field)}
-        if NAME in used:
-            return True
-    return False
-
-
-def _is_text(node: ast.AST, field: str) -> bool:
-    return isinstance(getattr(node, field, None), str)
+    used = (getattr(node, field, None) for node in nodes_of(path) for field in ("attr", "id", "arg", "value"))
+    return any(isinstance(found, str) and found == NAME for found in used)

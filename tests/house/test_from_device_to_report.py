@@ -10,15 +10,11 @@ import pytest
 
 from station.assessment.assess import assess_cuffs, write_assessment
 from station.assessment.assessment_inputs import AssessmentInputs
-from station.bench.bench_clock import BenchClock
-from station.bench.simulation import SimulatedBench, simulator_settings
-from station.bench.trial_recorder import TrialRecorder
 from station.cli import main
 from station.config import parse_config
 from station.demo import demo_config, record_session
 from station.fit import fit_session_folder
 from station.progress import silent
-from station.protocol import TrialSpec
 from station.report.page import write_report
 
 TRUTH = {
@@ -82,18 +78,3 @@ def test_a_fit_of_a_cut_recording_is_lossy(session: Path, tmp_path: Path, monkey
             main()
         codes.append(ended.value.code)
     assert codes == [0, 3]
-
-
-@pytest.mark.slow
-def test_a_rerecording_of_one_repeat_supersedes_it(session: Path) -> None:
-    config = demo_config()
-    settings = {**simulator_settings(config), "cuffs": TRUTH}
-    with SimulatedBench(settings, None, 8) as bench:
-        bench.request({"trial": {"cuff": "hand", "test": "dynamic"}})
-        spec = TrialSpec("hand", "dynamic", 1)
-        with BenchClock(bench.clock_port) as clock:
-            result = TrialRecorder(bench.configure(config), clock).record(session, spec, duration_s=15.0)
-    assert result.path is not None and result.path.name == "cuff-hand_test-dynamic_run-2.mcap"
-    trials = {trial.file: trial.state for trial in fit_session_folder(session, None).cuffs["hand"].trials}
-    assert trials["cuff-hand_test-dynamic_run-1.mcap"] == "superseded"
-    assert trials["cuff-hand_test-dynamic_run-2.mcap"] != "superseded"

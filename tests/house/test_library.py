@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import ast
 import inspect
-import os
-import subprocess
 import sys
 from collections.abc import Mapping
 from dataclasses import fields, is_dataclass, replace
@@ -24,10 +22,9 @@ from fitting.trial.trial import within
 from solver.errors import SolverCode
 from station.fit import SessionError
 from station.messages.setup_messages import FolderCode
+from tests.house.sources import ROOT, nodes_of, run_python
 from tests.refusals import raises_refusal
-from tests.timeout import scaled_timeout
 
-ROOT = Path(__file__).parents[2]
 PLUGIN = "cuffstation.pytest_plugin"
 
 FUNCTIONS = (
@@ -56,10 +53,7 @@ def test_the_public_names_are_these_alone_and_documented_without_a_path_of_this_
 
 
 def test_a_type_checker_finds_each_name_in_the_module_that_it_is_imported_from() -> None:
-    source = Path(cs.__file__)
-    imports = [
-        node for node in ast.walk(ast.parse(source.read_text(encoding="utf-8"))) if isinstance(node, ast.ImportFrom)
-    ]
+    imports = (node for node in nodes_of(Path(cs.__file__)) if isinstance(node, ast.ImportFrom))
     declared = {alias.asname: (node.module, alias.name) for node in imports for alias in node.names if alias.asname}
     assert declared == {name: (module, name) for name, module in cs._MODULES.items()}
 
@@ -431,15 +425,8 @@ def test_a_file_in_the_place_of_one_of_our_packages_is_named_and_tests_of_its_pr
         encoding="utf-8",
     )
     for command in (["-c", "import cuffstation as cs; cs.fit_session"], ["-m", "pytest", "-q", "-p", PLUGIN]):
-        ran = subprocess.run(  # noqa: S603
-            [sys.executable, *command],
-            cwd=tmp_path,
-            capture_output=True,
-            text=True,
-            check=False,
-            timeout=scaled_timeout(60),
-            env={**os.environ, "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1", "PYTHONPATH": str(ROOT)},
-        )
+        ours = {"PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1", "PYTHONPATH": str(ROOT)}
+        ran = run_python(*command, folder=tmp_path, patience_s=60, **ours)
         found = f"own package drivers, and Python finds {tmp_path / 'drivers.py'} in its place"
         assert ran.returncode == 1 and found in ran.stdout + ran.stderr, ran.stdout + ran.stderr
     assert "1 passed, 1 error" in ran.stdout

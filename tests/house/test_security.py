@@ -6,9 +6,10 @@ import ast
 import re
 import sys
 from collections.abc import Iterable
+from contextlib import nullcontext
 from ipaddress import ip_address
 from pathlib import Path
-from typing import Any
+from unittest.mock import MagicMock
 
 import psutil
 import pytest
@@ -92,45 +93,24 @@ def test_the_simulated_devices_listen_on_this_machine_alone() -> None:
 
 
 def test_the_workers_of_a_sweep_listen_on_this_machine_alone(monkeypatch: pytest.MonkeyPatch) -> None:
-    asked: dict[str, Any] = {}
-
-    class NoCluster:
-        def __init__(self, **settings: Any) -> None:
-            asked.update(settings)
-
-        def __enter__(self) -> str:
-            return "inproc://nowhere"
-
-        def __exit__(self, *_: object) -> None:
-            return
-
-    class NoClient:
-        def __init__(self, *_: object, **__: object) -> None:
-            raise OSError("no such user")
-
-    monkeypatch.setattr(dask_cluster, "LocalCluster", NoCluster)
-    monkeypatch.setattr(dask_cluster, "Client", NoClient)
+    cluster = MagicMock(return_value=nullcontext("inproc://nowhere"))
+    monkeypatch.setattr(dask_cluster, "LocalCluster", cluster)
+    monkeypatch.setattr(dask_cluster, "Client", MagicMock(side_effect=OSError("no such user")))
     with pytest.raises(dask_cluster.ClusterError), dask_cluster.connected(None, 1):
         pass
+    asked = cluster.call_args.kwargs
     assert asked["host"] == "127.0.0.1"
     assert asked["scheduler_kwargs"] == {"dashboard": False}
     assert {asked["dashboard_address"], asked["worker_dashboard_address"]} == {"127.0.0.1:0"}
 
 
 def test_rerun_s_viewer_listens_on_this_machine_and_sends_no_reports(monkeypatch: pytest.MonkeyPatch) -> None:
-    asked: dict[str, Any] = {}
-
-    class Ended:
-        def __init__(self, words: list[str], **settings: Any) -> None:
-            asked.update(settings, words=words)
-
-        def poll(self) -> int:
-            return 1
-
-    monkeypatch.setattr(rerun_viewer.subprocess, "Popen", Ended)
+    started = MagicMock()
+    started.return_value.poll.return_value = 1  # it has ended
+    monkeypatch.setattr(rerun_viewer.subprocess, "Popen", started)
     with pytest.raises(rerun_viewer.ViewerError):
         rerun_viewer.start_viewer()
-    words = asked["words"]
+    (words,), asked = started.call_args
     assert words[words.index("--bind") + 1] == "127.0.0.1"
     assert (asked["env"]["RERUN_ANALYTICS_ENABLED"], asked["env"]["DO_NOT_TRACK"]) == ("false", "1")
 

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import ast
-import os
 import re
-import subprocess
 import sys
 from html.parser import HTMLParser
 from pathlib import Path
@@ -16,9 +14,8 @@ import pytest
 from docs.reference import pages
 from station.cli import VERBS
 from station.config import StationConfig, nested_keys
-from tests.house.sources import FOLDERS, ROOT
+from tests.house.sources import FOLDERS, ROOT, run_python
 from tests.station.command import help_of
-from tests.timeout import scaled_timeout
 
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 NAMED = (*FOLDERS, "benchmarks", "docs", "examples", "tests")
@@ -124,34 +121,17 @@ def test_the_configuration_page_has_every_key() -> None:
 def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
     pytest.importorskip("mkdocs", reason="needs the extra docs: pip install -e '.[docs]'")
     folder = tmp_path_factory.mktemp("site")
-    ran = subprocess.run(  # noqa: S603
-        [str(Path(sys.executable).with_name("mkdocs")), "build", "--strict", "--quiet", "--site-dir", str(folder)],
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=scaled_timeout(200),
-        env={**os.environ, "NO_MKDOCS_2_WARNING": "1"},
-    )
+    program, quiet = str(Path(sys.executable).with_name("mkdocs")), {"NO_MKDOCS_2_WARNING": "1"}
+    ran = run_python("build", "--strict", "--quiet", "--site-dir", folder, program=program, patience_s=200, **quiet)
     assert ran.returncode == 0, ran.stderr
     return folder
 
 
 @pytest.mark.slow
 def test_the_site_has_its_four_parts(site: Path) -> None:
-    for page in (
-        "tutorial/operator",
-        "tutorial/analyst",
-        "how-to/driver",
-        "fitting",
-        "redundancy",
-        "decisions",
-        "glossary",
-        "reference/command-line",
-        "reference/configuration",
-        "reference/recording-format",
-        "reference/files",
-    ):
+    tutorials = "tutorial/operator tutorial/analyst how-to/driver fitting redundancy decisions glossary"
+    reference = "command-line configuration recording-format files"
+    for page in (*tutorials.split(), *(f"reference/{name}" for name in reference.split())):
         assert (site / page / "index.html").is_file(), page
     python = (site / "reference" / "python" / "index.html").read_text(encoding="utf-8")
     assert 'id="cuffstation.fit_session"' in python and 'id="cuffstation.CuffFit"' in python

@@ -150,37 +150,46 @@ def test_what_made_the_numbers_is_stored_beside_them(solved: SolvedMotion, motio
     assert f"# filter={notes['filter']}" in (tmp_path / "raise.csv").read_text().splitlines()
 
 
-def test_the_exponent_of_the_effort_is_chosen_and_stored(station, tmp_path: Path) -> None:
-    tables = {}
-    for exponent in (2, 3):
-        out = tmp_path / f"{exponent}.csv"
-        assert station("rmr", "--every", "50", "--exponent", str(exponent), "--output", out).code == 0
-        assert f"# exponent={exponent}" in out.read_text().splitlines()
-        tables[exponent] = pd.read_csv(out, comment="#")[list(MODEL.muscle_names)].to_numpy()
-    efforts = [[(activations**power).sum() for power in (2, 3)] for activations in tables.values()]
+def with_option(station: Station, folder: Path, option: str, values: str, *words: object) -> list[pd.DataFrame]:
+    """The results with these values of an option, which is stored; the last value is wrong usage."""
+    *right, wrong = values.split()
+    tables = []
+    for value in right:
+        out = folder / f"{value}.csv"
+        assert station("rmr", *words, f"--{option}", value, "--output", out).code == 0
+        assert f"# {option}={value}" in [line.split(" in ")[0] for line in out.read_text().splitlines()]
+        tables.append(pd.read_csv(out, comment="#"))
+    assert station("rmr", f"--{option}", wrong, "--output", folder / "none.csv").code == 2
+    return tables
+
+
+def test_the_exponent_of_the_effort_is_chosen_and_stored(station: Station, tmp_path: Path) -> None:
+    found = with_option(station, tmp_path, "exponent", "2 3 4", "--every", 50)
+    efforts = [[(table[list(MODEL.muscle_names)].to_numpy() ** power).sum() for power in (2, 3)] for table in found]
     assert efforts[0][0] < efforts[1][0] and efforts[1][1] < efforts[0][1]
-    assert station("rmr", "--exponent", "4", "--output", tmp_path / "out.csv").code == 2
 
 
-def test_elastic_tendons_are_chosen_and_stored_with_their_fibres(station, tmp_path: Path) -> None:
-    tables = {}
-    for tendons in ("rigid", "elastic"):
-        out = tmp_path / f"{tendons}.csv"
-        ran = station("rmr", "--from", "1", "--to", "1.05", "--tendons", tendons, "--output", out)
-        assert ran.code == 0
-        tables[tendons] = pd.read_csv(out, comment="#")
-        note = next(line for line in out.read_text().splitlines() if line.startswith("# tendons="))
-        assert note == "# tendons=rigid" or note.startswith("# tendons=elastic in 19 of 33 muscles, strain")
-    further = sorted(set(tables["elastic"]) - set(tables["rigid"]))
+def test_paths_may_be_geodesics(station: Station, motion: Path, tmp_path: Path) -> None:
+    found = with_option(station, tmp_path, "paths", "opensim geodesic straight", "--motion", motion, "--every", 200)
+    difference = np.abs(found[0] - found[1])[list(MODEL.muscle_names)].to_numpy()
+    assert 1e-6 < difference.max() < 0.1
+
+
+def test_elastic_tendons_are_chosen_and_stored_with_their_fibres(station: Station, tmp_path: Path) -> None:
+    rigid, elastic = with_option(station, tmp_path, "tendons", "rigid elastic loose", "--from", 1, "--to", 1.05)
+    assert "# tendons=elastic in 19 of 33 muscles, strain" in (tmp_path / "elastic.csv").read_text()
+    further = sorted(set(elastic) - set(rigid))
     assert len(further) == 2 * 19 and {"fiber_length_m.BIC_long", "tendon_strain.BIC_long"} < set(further)
-    assert 0.001 < tables["elastic"]["tendon_strain.BIC_long"].max() < 0.049
-    assert station("rmr", "--tendons", "loose", "--output", tmp_path / "out.csv").code == 2
+    assert 0.001 < elastic["tendon_strain.BIC_long"].max() < 0.049
 
 
 @pytest.mark.oracle
-def test_opensim_reads_the_sto(infeasible: SolvedMotion, tmp_path: Path) -> None:
+def test_opensim_reads_every_row_of_the_sto(station, motion: Path, infeasible: SolvedMotion, tmp_path: Path) -> None:
     opensim = pytest.importorskip("opensim", reason="needs OpenSim: install the extra oracle")
-    write_solved(tmp_path / "raise.sto", infeasible)
+    lost = int(np.isnan(infeasible.solution.effort).sum())
+    sentence = write_solved(tmp_path / "raise.sto", infeasible)
+    assert sentence is not None and f"{lost} of 13 frames, the first at" in sentence
+    assert opensim.Storage(str(tmp_path / "raise.sto")).getSize() == 13 - lost
     table = opensim.TimeSeriesTable(str(tmp_path / "raise.sto"))
     assert list(table.getColumnLabels()) == list(values(infeasible))
     is_solved = np.isfinite(infeasible.solution.effort)
@@ -188,14 +197,6 @@ def test_opensim_reads_the_sto(infeasible: SolvedMotion, tmp_path: Path) -> None
     for name, column in values(infeasible).items():
         np.testing.assert_allclose(table.getDependentColumn(name).to_numpy(), column[is_solved], rtol=1e-9)
     assert table.getTableMetaDataString("filter") == infeasible.notes["filter"]
-
-
-def test_opensims_storage_reads_every_row_of_the_sto(station, motion: Path, infeasible, tmp_path: Path) -> None:
-    opensim = pytest.importorskip("opensim", reason="needs OpenSim: install the extra oracle")
-    lost = int(np.isnan(infeasible.solution.effort).sum())
-    sentence = write_solved(tmp_path / "raise.sto", infeasible)
-    assert sentence is not None and f"{lost} of 13 frames, the first at" in sentence
-    assert opensim.Storage(str(tmp_path / "raise.sto")).getSize() == 13 - lost
     out = tmp_path / "loose.sto"
     ran = station("rmr", "--motion", motion, "--every", 100, "--no-glenoid", "--output", out)
     assert ran.code == 0
@@ -346,17 +347,6 @@ def test_a_posture_without_finite_accelerations_is_a_row(station, motion: Path, 
     assert np.isfinite(table.drop(index=2).effort).all()
 
 
-def test_paths_may_be_geodesics(station, motion: Path, tmp_path: Path) -> None:
-    for mode in ("opensim", "geodesic"):
-        out = tmp_path / f"{mode}.csv"
-        assert station("rmr", "--motion", motion, "--every", 200, "--paths", mode, "--output", out).code == 0
-        assert f"# paths={mode}\n" in out.read_text()
-    opensim_paths, geodesic = (pd.read_csv(tmp_path / f"{mode}.csv", comment="#") for mode in ("opensim", "geodesic"))
-    difference = np.abs(opensim_paths - geodesic)[list(MODEL.muscle_names)].to_numpy()
-    assert 1e-6 < difference.max() < 0.1
-    assert station("rmr", "--paths", "straight", "--output", tmp_path / "none.csv").code == 2
-
-
 def test_bad_input_is_one_sentence(station, motion: Path, tmp_path: Path) -> None:
     words, effort = ("rmr", "--motion", motion, "--output"), tmp_path / "bad.toml"
     assert_one_sentence(station(*words, tmp_path / "out.xlsx"), 2, "out.xlsx", ".csv, .sto, .parquet")
@@ -387,11 +377,16 @@ def step(tmp_path_factory: pytest.TempPathFactory) -> Step:
     return step_in(tmp_path_factory.mktemp("step"))
 
 
-def solve(step: Step, options: RedundancyOptions = OPTIONS, effort: Path | None = None) -> SolvedMotion:
+def files(step: Step) -> tuple[object, ...]:
+    return ("--model", step.model, "--motion", step.motion, "--external-loads", step.loads)
+
+
+def solve(
+    step: Step, options: RedundancyOptions = OPTIONS, effort: Path | None = None, *, ignores_forces: bool = False
+) -> SolvedMotion:
     added = () if effort else (step.actuators,)
-    return solve_muscles(
-        MuscleInputs(step.motion, str(step.model), step.loads, effort, actuators=added), FIFTH, options
-    )
+    inputs = MuscleInputs(step.motion, str(step.model), step.loads, effort, ignores_forces, actuators=added)
+    return solve_muscles(inputs, FIFTH, options)
 
 
 def test_a_pelvis_that_nothing_balances_is_refused_by_the_names_of_its_coordinates(step: Step, tmp_path: Path) -> None:
@@ -483,18 +478,7 @@ def test_actuators_that_share_a_name_are_refused_by_it(step: Step, tmp_path: Pat
 
 
 def test_the_verbs_write_moments_and_activations(station: Station, step: Step, tmp_path: Path) -> None:
-    common = [
-        "--model",
-        step.model,
-        "--motion",
-        step.motion,
-        "--external-loads",
-        step.loads,
-        "--from",
-        0.2,
-        "--to",
-        0.4,
-    ]
+    common = (*files(step), "--from", 0.2, "--to", 0.4)
     joint = ["--joint", "thigh_joint"]
     output, moments = tmp_path / "so.sto", tmp_path / "id.csv"
     ran = station("rmr", *common, *joint, "--static-optimisation", "--actuators", step.actuators, "--output", output)
@@ -522,10 +506,10 @@ def test_a_paralysed_muscle_rests_and_every_frame_is_solved(step: Step, tmp_path
 
 
 def test_infinite_generalised_forces_are_refused(station: Station, step: Step, tmp_path: Path) -> None:
-    text, output = step.model.read_text(encoding="utf-8"), tmp_path / "id.csv"
+    text, output, model = step.model.read_text(encoding="utf-8"), tmp_path / "id.csv", tmp_path / "heavy.osim"
     assert "<gravity>0 -9.81 0</gravity>" in text
-    step.model.write_text(text.replace("0 -9.81 0", "0 -1e308 0"), encoding="utf-8")
-    ran = station("id", "--model", step.model, "--motion", step.motion, "--output", output)
+    model.write_text(text.replace("0 -9.81 0", "0 -1e308 0"), encoding="utf-8")
+    ran = station("id", "--model", model, "--motion", step.motion, "--output", output)
     assert_refused(ran, 1, SolverCode.NOT_FINITE)
     assert not output.exists()
 
@@ -553,7 +537,7 @@ def with_residuals_on_the_pelvis(step: Step, folder: Path) -> Step:
 
 def test_residuals_on_bodies_give_what_the_pelvis_needs(step: Step, tmp_path: Path) -> None:
     """No muscle crosses the joint of the pelvis, so that actuators give all that inverse dynamics finds there."""
-    solved = solve(with_residuals_on_the_pelvis(step, tmp_path))
+    solved = solve(with_residuals_on_the_pelvis(step, tmp_path), ignores_forces=True)
     shares = json.loads(solved.notes["left_out_effect"])["reserve_and_needed"]
     assert {"pelvis_tx", "pelvis_ty", "pelvis_tilt", "pelvis_list"} < set(shares)
     for name in set(PELVIS) & set(shares):
@@ -572,9 +556,8 @@ def test_reserves_in_place_of_muscles_are_reported_and_residuals_are_not(step: S
     rms = np.sqrt((solved.solution.reserves[:, knee] ** 2).mean())
     assert solved.large_reserves["knee_angle"][0] == pytest.approx(rms, rel=1e-12)
     assert json.loads(solved.notes["large_reserves"])["knee_angle"][0] == pytest.approx(rms, rel=1e-12)
-    files = ("--model", strong.model, "--motion", strong.motion, "--external-loads", strong.loads)
     cut = ("--actuators", strong.actuators, "--static-optimisation", "--from", 0.2, "--to", 0.6, "--every", 5)
-    ran = station("rmr", *files, *cut, "--output", tmp_path / "a.csv")
+    ran = station("rmr", *files(strong), *cut, "--output", tmp_path / "a.csv")
     assert ran.code == 0
     (printed,) = [line for line in ran.err.splitlines() if "reserves.large" in line]
     assert "N m at knee_angle" in printed and "pelvis" not in printed
@@ -598,9 +581,9 @@ def test_unweighted_actuators_that_carry_the_body_are_reported(
     step: Step, has_loads: bool, residuals: set[str]
 ) -> None:
     """As of a leg without a trunk, whose weights hide that the ground reaction was forgotten."""
-    files = (step.motion, str(step.model), step.loads if has_loads else None, None, True)
+    inputs = MuscleInputs(step.motion, str(step.model), step.loads, actuators=(step.actuators,))
     options = replace(OPTIONS, weights=dict.fromkeys(PELVIS, 0.0))
-    solved = solve_muscles(MuscleInputs(*files, actuators=(step.actuators,)), FIFTH, options)
+    solved = solve_muscles(inputs if has_loads else replace(inputs, external_loads=None), FIFTH, options)
     assert set(solved.large_residuals) == residuals
 
 
@@ -635,10 +618,9 @@ def test_the_unit_is_that_of_the_axes_that_a_coordinate_drives(step: Step) -> No
 
 
 def test_the_notes_and_columns_of_a_leg_have_nothing_of_a_shoulder(step: Step, station, tmp_path: Path) -> None:
-    files = ("--model", step.model, "--motion", step.motion, "--external-loads", step.loads)
     cut = ("--actuators", step.actuators, "--from", 0.2, "--to", 0.6, "--every", 10)
     out = tmp_path / "leg.sto"
-    ran = station("rmr", *files, *cut, "--output", out)
+    ran = station("rmr", *files(step), *cut, "--output", out)
     assert "leaves out the columns" not in ran.err
     text = out.read_text(encoding="utf-8")
     assert "cone_slack" not in text and "thorax" not in text and "elbow" not in text

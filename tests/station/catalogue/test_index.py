@@ -45,13 +45,20 @@ def folder(original: Path, tmp_path: Path) -> Path:
     return Path(shutil.copytree(original, tmp_path / "sessions"))
 
 
-def test_the_values_are_those_of_the_files(original: Path) -> None:
+def test_the_values_are_those_of_the_files_and_filters_combine(original: Path) -> None:
     rows = list_cuffs(original / CATALOGUE_FILE, SessionFilter(subject="P02", cuff="hand"))
     document = json.loads((original / "sub-P02_ses-1" / "cuffs.json").read_text(encoding="utf-8"))
     donnings = document["cuffs"]["hand"]["donnings"]
     assert rows["stiffness_n_per_m"].tolist() == [one["stiffness_n_per_m"]["value"] for one in donnings.values()]
     trials = run_sql(original / CATALOGUE_FILE, "SELECT count(*) AS n FROM trials WHERE test = 'static'")
     assert trials["n"].tolist() == [4 * 2 * 2 * 2]  # sessions, cuffs, donnings, repeats
+    then = datetime.fromisoformat("2000-01-01")
+    for found, count in (
+        (SessionFilter(operator="A0", cuff="tube", origin="measured"), 8),
+        (SessionFilter(before=then), 0),
+        (SessionFilter(since=then), 16),
+    ):
+        assert len(list_cuffs(original / CATALOGUE_FILE, found)) == count
 
 
 def test_only_what_changed_is_read_again_and_what_is_gone_is_removed(folder: Path) -> None:
@@ -64,21 +71,6 @@ def test_only_what_changed_is_read_again_and_what_is_gone_is_removed(folder: Pat
     assert (indexed.sessions, indexed.read, indexed.removed) == (3, 1, 1)
     assert set(list_cuffs(path, SessionFilter(subject="P02"))["cuff"]) == {"glove", "tube"}
     assert set(list_cuffs(path, SessionFilter())["subject"]) == {"P02", "P03", "P04"}
-
-
-def test_a_catalogue_that_was_deleted_is_built_anew_with_the_same_rows(folder: Path) -> None:
-    path = folder / CATALOGUE_FILE
-    before = list_cuffs(path, SessionFilter())
-    path.unlink()
-    assert update_catalogue(folder, path).read == 4
-    assert list_cuffs(path, SessionFilter()).equals(before)
-
-
-def test_filters_combine(original: Path) -> None:
-    path = original / CATALOGUE_FILE
-    assert len(list_cuffs(path, SessionFilter(operator="A0", cuff="tube", origin="measured"))) == 8
-    assert list_cuffs(path, SessionFilter(before=datetime.fromisoformat("2000-01-01"))).empty
-    assert len(list_cuffs(path, SessionFilter(since=datetime.fromisoformat("2000-01-01")))) == 16
 
 
 def test_a_damaged_session_is_listed_with_the_reason_and_read_again_once_it_is_repaired(folder: Path) -> None:
@@ -134,47 +126,24 @@ def test_another_table_is_no_participants_tsv(text: str, tmp_path: Path) -> None
     assert not (tmp_path / "out").exists()
 
 
-@pytest.mark.parametrize(
-    "sql",
-    [
-        "",
-        ";",
-        "-- nothing",
-        "DELETE FROM sessions",
-        "SELECT 1; DELETE FROM sessions",
-        "CALL enable_logging(storage='file')",
-        "SELECT * FROM enable_logging()",
-        "COPY sessions TO 'sessions.csv'",
-        "ATTACH 'other.duckdb'",
-        "INSTALL json",
-        "LOAD json",
-        "SET threads = 1",
-        "PRAGMA version",
-        "CHECKPOINT",
-        "EXPORT DATABASE 'exported'",
-        "CREATE TEMP TABLE t AS SELECT 1",
-        "SELECT * FROM read_csv('/etc/hosts')",
-    ],
+NO_QUERY = (
+    *("", ";", "-- nothing", "DELETE FROM sessions", "SELECT 1; DELETE FROM sessions", "SET threads = 1"),
+    *("CALL enable_logging(storage='file')", "SELECT * FROM enable_logging()", "COPY sessions TO 'sessions.csv'"),
+    *("ATTACH 'other.duckdb'", "INSTALL json", "LOAD json", "PRAGMA version", "CHECKPOINT"),
+    *("EXPORT DATABASE 'exported'", "CREATE TEMP TABLE t AS SELECT 1", "SELECT * FROM read_csv('/etc/hosts')"),
 )
-def test_sql_other_than_one_query_is_refused(sql: str, original: Path) -> None:
-    with raises_refusal(CatalogueCode.NO_QUERY, kind=CatalogueError):
-        run_sql(original / CATALOGUE_FILE, sql)
+WRONG_SQL = (
+    *("SELEC", "\udcff", "SELECT nothing FROM sessions", "SELECT * FROM '/etc/hosts'", "SELECT * FROM original"),
+    *("SELECT DATE 'infinity'", "WITH gone AS (DELETE FROM sessions RETURNING *) SELECT * FROM gone"),
+)
 
 
 @pytest.mark.parametrize(
-    "sql",
-    [
-        "SELEC",
-        "\udcff",
-        "SELECT nothing FROM sessions",
-        "SELECT * FROM '/etc/hosts'",
-        "SELECT * FROM original",
-        "SELECT DATE 'infinity'",
-        "WITH gone AS (DELETE FROM sessions RETURNING *) SELECT * FROM gone",
-    ],
+    ("sql", "code"),
+    [(sql, CatalogueCode.NO_QUERY) for sql in NO_QUERY] + [(sql, CatalogueCode.WRONG_SQL) for sql in WRONG_SQL],
 )
-def test_a_query_that_fails_is_refused(sql: str, original: Path) -> None:
-    with raises_refusal(CatalogueCode.WRONG_SQL, kind=CatalogueError):
+def test_sql_that_is_not_one_query_or_fails_is_refused(sql: str, code: CatalogueCode, original: Path) -> None:
+    with raises_refusal(code, kind=CatalogueError):
         run_sql(original / CATALOGUE_FILE, sql)
 
 
@@ -217,6 +186,7 @@ def test_participants_have_any_line_ends(tmp_path: Path, end: str) -> None:
 
 def test_an_interrupted_first_build_leaves_nothing(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = folder / CATALOGUE_FILE
+    before = list_cuffs(path, SessionFilter())
     path.unlink()
 
     def interrupt(*_: object) -> None:
@@ -227,6 +197,7 @@ def test_an_interrupted_first_build_leaves_nothing(folder: Path, monkeypatch: py
         update_catalogue(folder, path)
     assert not path.exists()
     assert update_catalogue(folder, path).read == 4
+    assert list_cuffs(path, SessionFilter()).equals(before)
 
 
 def created(path: Path) -> None:
@@ -300,6 +271,9 @@ def test_the_verb_prints_rows_for_people_and_programs(folder: Path, station: Sta
     listed = station("catalogue", folder, "--sql", "SELECT count(*) AS sessions FROM sessions")
     assert listed.out.split() == ["sessions", "4"]
     assert_refused(station("catalogue", folder / "missing"), 1, FolderCode.NOT_A_FOLDER)
+    days = ("--since", "2027-01-01", "--output", folder / "none.duckdb", "--before")
+    assert [station("catalogue", folder, *days, before).code for before in ("2020-01-01", "2027-01-01")] == [2, 2]
+    assert not (folder / "none.duckdb").exists()
 
 
 def test_the_table_has_a_dash_for_what_is_not_known_or_no_rows(folder: Path, station: Station) -> None:
@@ -307,13 +281,6 @@ def test_the_table_has_a_dash_for_what_is_not_known_or_no_rows(folder: Path, sta
     assert station("catalogue", folder, "--sql", unknown).out.split()[3:] == ["-", "-", "-"]
     empty = station("catalogue", folder, "--cuff", "none")
     assert (empty.code, empty.out) == (0, "")
-
-
-@pytest.mark.parametrize("before", ["2020-01-01", "2027-01-01"])
-def test_days_between_which_there_is_none_are_wrong_usage(folder: Path, station: Station, before: str) -> None:
-    output = folder / "none.duckdb"
-    assert station("catalogue", folder, "--since", "2027-01-01", "--before", before, "--output", output).code == 2
-    assert not output.exists()
 
 
 def test_a_catalogue_that_cannot_be_created_is_refused_as_such(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -27,7 +27,6 @@ from tests.station.command import Ran, Station, assert_one_sentence, assert_refu
 from tests.station.emg.measured import levels, write_activations, write_emg, write_mvc, write_setup
 from tests.station.reported import unmarked_numbers
 
-pytestmark = pytest.mark.shared
 PUBLISHED_MAXIMA = {"MD": 0.706, "SA": 1.862}
 """By which the authors divide their EMG, in its unknown unit."""
 SETUP = '[envelope]\nmethod = "seth_2019"\n[channels]\n' + "".join(
@@ -65,6 +64,12 @@ def run(station: Station, lab: Path, output: Path, **options: object) -> tuple[R
     ran = station("emg", *arguments(lab, output, **options))  # type: ignore[arg-type]
     assert ran.code == 0, ran.err
     return ran, read_emg_document(output / "emg.json")
+
+
+def compare(station: Station, recording: Path, lab: Path, output: Path, setup: Path | None = None) -> Ran:
+    """One trial with the model's activations in the suit."""
+    words = ("--activations", lab / "suit.csv.act.csv", "--setup", setup or lab / "emg.toml", "--output", output)
+    return station("emg", recording, *words)
 
 
 def test_shape_level_and_change_are_those_that_were_simulated(station: Station, lab: Path, tmp_path: Path) -> None:
@@ -131,10 +136,7 @@ def test_a_clipped_channel_is_left_out_by_name(station: Station, lab: Path, tmp_
     rows = [line.split(",") for line in lines[1:]]
     clipped = [f"{time},{min(float(first), 0.2)},{second}" for time, first, second in rows]
     (tmp_path / "suit0.csv").write_text("\n".join([lines[0], *clipped]))
-    ran = station(
-        "emg", tmp_path / "suit0.csv", "--activations", lab / "suit.csv.act.csv", "--setup", lab / "emg.toml",
-        "--output", tmp_path,
-    )  # fmt: skip
+    ran = compare(station, tmp_path / "suit0.csv", lab, tmp_path)
     assert ran.code == 3
     first, second = read_emg_document(tmp_path / "emg.json").trials[0].channels
     assert (first.findings, first.mean, first.shape) == ([ChannelFinding.CLIPPED], None, None)
@@ -143,11 +145,8 @@ def test_a_clipped_channel_is_left_out_by_name(station: Station, lab: Path, tmp_
 
 
 def test_a_channel_without_mvc_has_a_shape_and_no_level(station: Station, lab: Path, tmp_path: Path) -> None:
-    write_setup(tmp_path / "emg.toml", (lab / "emg.toml").read_text().replace('_A"]', '_A"], maximum = 4e-4'))
-    ran = station(
-        "emg", lab / "suit1.csv", "--activations", lab / "suit.csv.act.csv", "--setup", tmp_path / "emg.toml",
-        "--output", tmp_path,
-    )  # fmt: skip
+    text = (lab / "emg.toml").read_text().replace('_A"]', '_A"], maximum = 4e-4')
+    ran = compare(station, lab / "suit1.csv", lab, tmp_path, write_setup(tmp_path / "emg.toml", text))
     first, second = read_emg_document(tmp_path / "emg.json").trials[0].channels
     assert (ran.code, second.findings, second.mean) == (0, [ChannelFinding.NO_MVC], None)
     assert second.shape is not None
@@ -177,33 +176,26 @@ def test_an_acceleration_that_the_set_up_does_not_map_needs_no_finding(station: 
     assert read_emg_document(tmp_path / "emg.json").trials[0].findings == []
 
 
+SUIT = "--activations suit.csv.act.csv"
+
+
 @pytest.mark.parametrize(
     ("words", "exit_code", "code"),
     [
-        (
-            ["suit0.csv", "--activations", "suit.csv.act.csv", "--activations", "bare.csv.act.csv"],
-            2,
-            EmgCode.ACTIVATIONS_COUNT,
-        ),
-        (["suit0.csv", "--setup", "near.toml"], 2, EmgCode.UNKNOWN_CHANNEL),
-        (["suit0.csv", "--setup", "far.toml", "--activations", "suit.csv.act.csv"], 2, EmgCode.UNKNOWN_MUSCLE),
-        (["suit0.csv", "--activations", "suit.csv.act.csv"], 2, EmgCode.NO_COMMON_CHANNEL),
-        (["suit0.csv", "suit0.csv"], 2, EmgCode.SAME_NAME),
-        (["slow.csv"], 1, FitErrorCode.EMG_RATE),
-        (["flat.csv"], 1, FitErrorCode.EMG_NO_CHANNEL),
-        (["suit0.csv", "--mvc", "unknown.csv"], 2, EmgCode.MIXED_UNITS),
-        (["suit0.csv", "--setup", "emg.toml", "--activations", "late.csv"], 1, FitErrorCode.EMG_OTHER_TIME),
-        (["none.csv"], 1, ""),
+        (f"suit0.csv {SUIT} --activations bare.csv.act.csv", 2, EmgCode.ACTIVATIONS_COUNT),
+        ("suit0.csv --setup near.toml", 2, EmgCode.UNKNOWN_CHANNEL),
+        (f"suit0.csv --setup far.toml {SUIT}", 2, EmgCode.UNKNOWN_MUSCLE),
+        (f"suit0.csv {SUIT}", 2, EmgCode.NO_COMMON_CHANNEL),
+        ("suit0.csv suit0.csv", 2, EmgCode.SAME_NAME),
+        ("slow.csv", 1, FitErrorCode.EMG_RATE),
+        ("flat.csv", 1, FitErrorCode.EMG_NO_CHANNEL),
+        ("suit0.csv --mvc unknown.csv", 2, EmgCode.MIXED_UNITS),
+        ("suit0.csv --setup emg.toml --activations late.csv", 1, FitErrorCode.EMG_OTHER_TIME),
+        ("none.csv", 1, ""),
     ],
 )
 def test_bad_input_is_refused_and_nothing_is_written(
-    station: Station,
-    lab: Path,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    words: list[str],
-    exit_code: int,
-    code: str,
+    station: Station, lab: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, words: str, exit_code: int, code: str
 ) -> None:
     monkeypatch.chdir(lab)
     write_setup(lab / "near.toml", '[channels]\ndelt_anterior = { muscles = ["DeltoideusClavicle_A"] }\n')
@@ -213,7 +205,7 @@ def test_bad_input_is_refused_and_nothing_is_written(
     (lab / "flat.csv").write_text("time,AD [V]\n" + "".join(f"{i / 1000},0.5\n" for i in range(1000)))
     write_emg(lab / "unknown.csv", levels(), seed=5, titles=("delt_ant", "serratus"))
     write_activations(lab / "late.csv", start=100.0)
-    ran = station("emg", *words, "--output", tmp_path / "out")
+    ran = station("emg", *words.split(), "--output", tmp_path / "out")
     assert_one_sentence(ran, exit_code)
     assert ran.error == code
     assert not (tmp_path / "out").exists()
@@ -238,11 +230,8 @@ def test_a_malformed_emg_json_is_refused_with_its_key(station: Station, lab: Pat
 
 def test_a_channel_s_name_of_any_kind_reaches_table_and_figure(station: Station, lab: Path, tmp_path: Path) -> None:
     write_emg(tmp_path / "odd.csv", levels(), seed=3, titles=('"M, left $x_{$ [mV]"', '"M; left $x_{$ [mV]"'))
-    write_setup(tmp_path / "emg.toml", "[channels]\n'M, left $x_{$' = { muscles = ['BIC_long'] }\n")
-    ran = station(
-        "emg", tmp_path / "odd.csv", "--activations", lab / "suit.csv.act.csv", "--setup", tmp_path / "emg.toml",
-        "--output", tmp_path / "out",
-    )  # fmt: skip
+    setup = write_setup(tmp_path / "emg.toml", "[channels]\n'M, left $x_{$' = { muscles = ['BIC_long'] }\n")
+    ran = compare(station, tmp_path / "odd.csv", lab, tmp_path / "out", setup)
     assert ran.code == 0, ran.err
     assert read_table(tmp_path / "out" / "odd_emg.sto")[0] == ["time", "M_left_$x_{$", "M_left_$x_{$_2"]
     assert station("report", tmp_path / "out").code == 0
@@ -299,6 +288,7 @@ def test_an_output_that_is_a_file_or_within_one_is_wrong_usage(station: Station,
     assert files(lab_folder) == before
 
 
+@pytest.mark.shared
 def test_level_and_correlation_are_those_of_the_published_processing(tmp_path: Path) -> None:
     """Divided by the maximum, high-pass forwards, rectified, low-pass forwards and backwards; then Pearson's r."""
     path, setup = tmp_path / "FLX01.exp", tmp_path / "emg.toml"

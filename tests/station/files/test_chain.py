@@ -81,14 +81,6 @@ def test_every_link_of_an_unchanged_session_is_as_recorded(reported: Path, stati
     assert links.index(STATIC) < links.index("assessment.json ← cuffs.json") < links.index(f"cuffs.json ← {STATIC}")
 
 
-def test_the_checksums_are_those_of_sha256sum(reported: Path) -> None:
-    program = shutil.which("sha256sum")
-    if program is None:
-        pytest.skip("there is no sha256sum")
-    ran = subprocess.run([program, "--strict", "-c", CHECKSUMS_FILE], cwd=reported, check=False, capture_output=True)  # noqa: S603
-    assert ran.returncode == 0 and ran.stdout.count(b": OK") == len(Checksums(reported).sums) >= 6
-
-
 def test_a_recorder_records_the_hash_of_its_trial(tmp_path: Path) -> None:
     path = record(tmp_path, None)
     assert Checksums(tmp_path).sums == {path.name: hashlib.sha256(path.read_bytes()).hexdigest()}
@@ -114,16 +106,6 @@ def test_an_edited_stiffness_is_reported_by_assess_and_report(session: Path, mot
     found = station("verify", session, "--format", "json")
     assert found.code == 1
     assert standings(found)["cuffs.json"] == CHANGED
-
-
-def test_an_edited_assessment_is_reported_after_a_new_fit(session: Path, station: Station) -> None:
-    edit(session / "assessment.json", lambda plain: plain["cuffs"]["hand"]["stiffness_n_per_m"].update(value=40000))
-    assert station("fit", session).code == 0
-    ran = station("report", session)
-    assert ran.code == 3 and f"assessment.json: {CHANGED}" in ran.err
-    assert "than that in the table: 40000 N/m, and the table has" in (session / "report.html").read_text(
-        encoding="utf-8"
-    )
 
 
 def test_a_replaced_trial_is_reported_by_every_verb(session: Path, tmp_path: Path, station: Station) -> None:
@@ -291,13 +273,6 @@ def test_a_signature_of_another_key_is_not_the_lab_s(
 
 
 @needs_ssh_keygen
-def test_a_broken_chain_is_not_signed(session: Path, key: Path, station: Station) -> None:
-    edit(session / "cuffs.json", stiffen)
-    assert_refused(station("verify", session, "--sign", key), 1, ChainCode.BROKEN)
-    assert not (session / f"{CHECKSUMS_FILE}.sig").exists()
-
-
-@needs_ssh_keygen
 def test_an_unsigned_folder_lacks_a_signature_of_signers(
     session: Path, tmp_path: Path, key: Path, station: Station
 ) -> None:
@@ -309,6 +284,7 @@ def test_an_unsigned_folder_lacks_a_signature_of_signers(
 def test_a_file_of_another_program_is_signed_after_it_was_listed(session: Path, key: Path, station: Station) -> None:
     (session / "notes.jsonl").write_text('{"note": "the strap was loose"}\n')  # lines of another program
     assert_refused(station("verify", session, "--sign", key), 1, ChainCode.BROKEN)
+    assert not (session / f"{CHECKSUMS_FILE}.sig").exists()
     assert station("verify", session, "--add", session / "notes.jsonl", "--sign", key).code == 0
     assert_refused(station("verify", session, "--add", session / "notes.jsonl"), 1, ChainCode.NOT_ADDED)
 

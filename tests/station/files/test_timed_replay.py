@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -10,36 +9,26 @@ import pytest
 
 from recordings.errors import RecordingError
 from recordings.reader import open_recording
-from recordings.recovery import recover
-from station.bench.bench_clock import BenchClock
-from station.bench.simulation import SimulatedBench, simulator_settings
-from station.bench.trial_recorder import TrialRecorder
-from station.config import parse_config
 from station.files.timed_replay import replay
-from station.fit import fit_session_folder
 from station.protocol import TrialSpec
 from tests.station.bench.test_trial_recorder import SPEC, Rig
 
 AGAIN_SPEED = 500.0
-CUFF = {
-    "anchor_markers": ["anchor_1", "anchor_2", "anchor_3", "anchor_4"],
-    "cuff_markers": ["cuff_1"],
-    "rope_markers": ["rope_1", "rope_2"],
-}
 
 
-@pytest.fixture
-def recorded(tmp_path: Path) -> Path:
-    path = Rig().recorder().record(tmp_path / "live", SPEC).path
-    assert path is not None
-    return path
-
-
-def test_a_replay_holds_the_same_samples_at_the_same_times(recorded: Path, tmp_path: Path) -> None:
+@pytest.mark.parametrize("duration_s", [None, 3.0], ids=["whole", "stopped by the operator"])
+def test_a_replay_is_the_same_trial_with_the_same_samples_at_the_same_times(
+    tmp_path: Path, duration_s: float | None
+) -> None:
+    recorded = Rig().recorder().record(tmp_path / "live", SPEC, duration_s=duration_s).path
+    assert recorded is not None
     result = replay(recorded, tmp_path / "again", AGAIN_SPEED)
     assert result.accepted, result.sentence
     assert result.path is not None
     before, after = open_recording(recorded), open_recording(result.path)
+    manifest = after.manifest
+    assert manifest.start_utc_ns == before.manifest.start_utc_ns, "the order of trials stays"
+    assert TrialSpec(manifest.cuff.name, manifest.test, manifest.repeat, manifest.donning) == SPEC
     for stream in ("/force", "/sync", "/markers"):
         once, again = before.load(stream), after.load(stream)
         assert np.array_equal(once.sample_numbers, again.sample_numbers)
@@ -47,61 +36,8 @@ def test_a_replay_holds_the_same_samples_at_the_same_times(recorded: Path, tmp_p
         assert np.array_equal(once.values, again.values, equal_nan=True)
 
 
-def test_a_recording_stopped_by_the_operator_is_replayed_to_the_same_end(tmp_path: Path) -> None:
-    path = Rig().recorder().record(tmp_path / "live", SPEC, duration_s=3.0).path
-    assert path is not None
-    result = replay(path, tmp_path / "again", AGAIN_SPEED)
-    assert result.accepted, result.sentence
-
-
 def test_an_empty_file_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "none.mcap"
     path.write_bytes(b"")
     with pytest.raises(RecordingError):
         replay(path, tmp_path / "again", AGAIN_SPEED)
-
-
-def test_the_replayed_trial_is_the_same_trial(recorded: Path, tmp_path: Path) -> None:
-    result = replay(recorded, tmp_path / "again", AGAIN_SPEED)
-    assert result.path is not None
-    manifest = open_recording(result.path).manifest
-    assert manifest.start_utc_ns == open_recording(recorded).manifest.start_utc_ns, "the order of trials stays"
-    assert TrialSpec(manifest.cuff.name, manifest.test, manifest.repeat, manifest.donning) == SPEC
-
-
-@pytest.mark.slow
-def test_live_recovered_and_replayed_give_the_same_fit_bit_for_bit(tmp_path: Path) -> None:
-    live, recovered, replayed = (tmp_path / name for name in ("live", "recovered", "replayed"))
-    for spec, path in record_pair(live):
-        cut = tmp_path / "cut.mcap"
-        cut.write_bytes(path.read_bytes()[:-8])  # the closing magic is gone, the samples are there
-        recovered.mkdir(exist_ok=True)
-        recover(cut, recovered / spec.file_name(1))
-        again = replay(path, replayed, AGAIN_SPEED)
-        assert again.accepted and not again.lost_samples, again.sentence
-    fits = [fit_session_folder(folder, None).cuffs["hand"] for folder in (live, recovered, replayed)]
-    assert fits[0].stiffness is not None and fits[0].damping is not None
-    for fit in fits[1:]:
-        assert (fit.stiffness, fit.damping, fit.migration) == (fits[0].stiffness, fits[0].damping, fits[0].migration)
-
-
-def record_pair(folder: Path) -> Iterator[tuple[TrialSpec, Path]]:
-    """A static and a dynamic trial of the hand cuff on a simulated bench."""
-    config = parse_config(
-        {
-            "cuffs": {"hand": CUFF},
-            "mocap": {"control": "start"},
-            "simulation": {
-                "protocol": {"static": {"step_masses_kg": [2.0, 2.0], "hold_s": 5.0}, "dynamic": {"swing_s": 8.0}}
-            },
-        },
-        "the test",
-    )
-    with SimulatedBench(simulator_settings(config), None, 5) as bench:
-        for test in ("static", "dynamic"):
-            bench.request({"trial": {"cuff": "hand", "test": test}})
-            spec = TrialSpec("hand", test, 1)
-            with BenchClock(bench.clock_port) as clock:
-                result = TrialRecorder(bench.configure(config), clock).record(folder, spec)
-            assert result.path is not None and not result.lost_samples, result.sentence
-            yield spec, result.path

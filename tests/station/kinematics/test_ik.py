@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +18,6 @@ from solver.inverse_kinematics.solve import assemble
 from solver.motion import MotionError, read_motion
 from solver.osim.tool_setups import read_ik_setup
 from solver.time_series_table import read_table
-from station.cli import main
 from station.kinematics.ik import IkInputs, solve_postures
 from tests.refusals import raises_refusal
 from tests.solver.inverse_kinematics.marked import random_postures, seen_from
@@ -36,12 +36,17 @@ POSE, FREE, TIGHT = SPECS
 MOST_RMS_DEG = 3.0  # of axial rotation, which upper-arm markers alone hold worst; the others reach 1.3
 
 
-def trial(folder: Path, frames: int = 30, hidden: int | None = None) -> np.ndarray:
-    """Writes trial.trc with the markers of the bundled model on a smooth motion, and returns its coordinates."""
+@cache
+def smooth_motion(frames: int) -> np.ndarray:
+    """Coordinates between two postures; the constraint is open by little there, and is closed."""
     first, last = random_postures(MODEL, 2, 0.1, 3)
     part = np.linspace(0.0, 1.0, frames)[:, None]
-    # between two postures the constraint is open by little; the closed ones are what the markers show
-    truth = np.array([assemble(MODEL, posture) for posture in first + part * (last - first)])
+    return np.array([assemble(MODEL, posture) for posture in first + part * (last - first)])
+
+
+def trial(folder: Path, frames: int = 30, hidden: int | None = None) -> np.ndarray:
+    """Writes trial.trc with the markers of the bundled model on a smooth motion, and returns its coordinates."""
+    truth = smooth_motion(frames)
     positions = 1e3 * seen_from(MODEL, truth)
     if hidden is not None:
         positions[hidden] = np.nan
@@ -58,20 +63,19 @@ def write_setup(path: Path, range_s: str) -> None:
     path.write_text(SETUP.format(range=range_s, tasks=tasks), encoding="utf-8")
 
 
-def run(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, *words: object, verb: str = "ik"
-) -> tuple[int, str]:
-    monkeypatch.setattr("sys.argv", ["station", verb, *map(str, words)])
-    with pytest.raises(SystemExit) as ended:
-        main()
-    printed = capsys.readouterr()
-    return int(ended.value.code or 0), printed.out + printed.err
+def run(station: Station, *words: object, verb: str = "ik") -> tuple[int, str]:
+    """Exit code, and what was printed on both streams."""
+    ran = station(verb, *words)
+    return ran.code, ran.out + ran.err
 
 
-def test_markers_at_their_places_give_the_motion_back(tmp_path: Path, capsys, monkeypatch) -> None:
+def files(folder: Path) -> tuple[object, ...]:
+    return ("--model", "bundled", "--markers", folder / "trial.trc", "--output", folder / "q.mot")
+
+
+def test_markers_at_their_places_give_the_motion_back(tmp_path: Path, station: Station) -> None:
     truth = trial(tmp_path)
-    words = ("--model", "bundled", "--markers", tmp_path / "trial.trc", "--output", tmp_path / "q.mot")
-    code, printed = run(capsys, monkeypatch, *words)
+    code, printed = run(station, *files(tmp_path))
     assert code == 0
     assert "30 frames, 30 solved" in printed
     found = read_motion(tmp_path / "q.mot", MODEL)
@@ -81,10 +85,9 @@ def test_markers_at_their_places_give_the_motion_back(tmp_path: Path, capsys, mo
     np.testing.assert_allclose(found.coordinates[:, free], truth[:, free], atol=1e-7)
 
 
-def test_a_smoothed_trial_comes_with_speeds_and_accelerations(tmp_path: Path, capsys, monkeypatch) -> None:
+def test_a_smoothed_trial_comes_with_speeds_and_accelerations(tmp_path: Path, station: Station) -> None:
     truth = trial(tmp_path, frames=60)
-    words = ("--model", "bundled", "--markers", tmp_path / "trial.trc", "--output", tmp_path / "q.mot")
-    code, printed = run(capsys, monkeypatch, *words, "--smooth", "--noise-mm", "0.1")
+    code, printed = run(station, *files(tmp_path), "--smooth", "--noise-mm", "0.1")
     assert code == 0, printed
     table = pd.read_csv(tmp_path / "q_ik_kinematics.csv")
     k = MODEL.coordinate_index("shoulder_elv")
@@ -92,21 +95,17 @@ def test_a_smoothed_trial_comes_with_speeds_and_accelerations(tmp_path: Path, ca
     speed = np.gradient(truth[:, k], 0.01)
     assert np.abs(table["shoulder_elv_rad_per_s"] - speed)[5:-5].max() < 0.02
     assert (table["sd_shoulder_elv_rad_per_s2"] > 0).all()
-
-
-def test_a_trial_of_one_frame_is_too_short_to_be_smoothed(tmp_path: Path) -> None:
-    trial(tmp_path)
-    with raises_refusal(SolverCode.NO_FRAMES, kind=MotionError):
+    with raises_refusal(SolverCode.NO_FRAMES, kind=MotionError):  # one frame is too short
         solve_postures(IkInputs("bundled", tmp_path / "trial.trc", None, start=0.1, end=0.1, is_smoothed=True))
 
 
-def test_the_set_up_names_the_markers_and_the_time(tmp_path: Path, capsys, monkeypatch) -> None:
+def test_the_set_up_names_the_markers_and_the_time(tmp_path: Path, station: Station) -> None:
     trial(tmp_path)
     names = [marker.name for marker in MODEL.markers]
     tasks = "".join(TASK.format(name=name, weight=1 + k) for k, name in enumerate([*names, "of no model"]))
     (tmp_path / "setup.xml").write_text(SETUP.format(range="0.1 0.2", tasks=tasks), encoding="utf-8")
     words = ("--setup", tmp_path / "setup.xml", "--model", "bundled", "--output", tmp_path / "q.csv")
-    code, printed = run(capsys, monkeypatch, *words)
+    code, printed = run(station, *words)
     assert code == 0, printed
     columns, table, _ = read_table(tmp_path / "q.csv")
     assert columns[0] == "time"
@@ -123,12 +122,12 @@ def test_the_set_up_names_the_markers_and_the_time(tmp_path: Path, capsys, monke
     ],
 )
 def test_the_command_line_overrides_the_time_range_of_the_set_up_with_a_finding(
-    words: tuple[str, ...], solved: tuple[float, float], is_overridden: bool, tmp_path: Path, capsys, monkeypatch
+    words: tuple[str, ...], solved: tuple[float, float], is_overridden: bool, tmp_path: Path, station: Station
 ) -> None:
     trial(tmp_path)
     write_setup(tmp_path / "setup.xml", "0.1 0.2")
     given = ("--setup", tmp_path / "setup.xml", "--model", "bundled", "--output", tmp_path / "q.mot", *words)
-    code, printed = run(capsys, monkeypatch, *given)
+    code, printed = run(station, *given)
     assert code == 0
     np.testing.assert_allclose(read_motion(tmp_path / "q.mot", MODEL).time[[0, -1]], solved)
     findings = json.loads((tmp_path / "q_ik.json").read_text())["findings"]
@@ -139,26 +138,21 @@ def test_the_command_line_overrides_the_time_range_of_the_set_up_with_a_finding(
 @pytest.mark.parametrize(("range_s", "is_reported"), [("0.1 0.295", False), ("0 5", True), ("-3 0.1", True)])
 @pytest.mark.parametrize("by_setup", [True, False])
 def test_a_file_that_is_too_short_is_reported(
-    range_s: str, is_reported: bool, by_setup: bool, tmp_path: Path, capsys, monkeypatch
+    range_s: str, is_reported: bool, by_setup: bool, tmp_path: Path, station: Station
 ) -> None:
     trial(tmp_path)
-    words: tuple[object, ...] = ("--model", "bundled", "--output", tmp_path / "q.mot")
-    if by_setup:
-        write_setup(tmp_path / "setup.xml", range_s)
-        words += ("--setup", tmp_path / "setup.xml")
-    else:
-        start, end = range_s.split()
-        words += ("--markers", tmp_path / "trial.trc", "--from", start, "--to", end)
-    code, printed = run(capsys, monkeypatch, *words)
+    start, end = range_s.split()
+    write_setup(setup := tmp_path / "setup.xml", range_s)
+    given = ("--setup", setup) if by_setup else ("--markers", tmp_path / "trial.trc", "--from", start, "--to", end)
+    code, printed = run(station, "--model", "bundled", "--output", tmp_path / "q.mot", *given)
     assert code == 0
     findings = {found["code"]: found for found in json.loads((tmp_path / "q_ik.json").read_text())["findings"]}
     assert ("markers.range_not_covered" in findings) == ("it lasts from 0 to 0.29 s" in printed) == is_reported
 
 
-def test_a_frame_without_markers_is_left_out_reported_and_code_3(tmp_path: Path, capsys, monkeypatch) -> None:
+def test_a_frame_without_markers_is_left_out_reported_and_code_3(tmp_path: Path, station: Station) -> None:
     trial(tmp_path, hidden=29)
-    words = ("--model", "bundled", "--markers", tmp_path / "trial.trc", "--output", tmp_path / "q.mot")
-    code, printed = run(capsys, monkeypatch, *words)
+    code, printed = run(station, *files(tmp_path))
     assert code == 3
     assert "frames without markers: 1, the first at 0.29 s" in printed
     assert len(read_motion(tmp_path / "q.mot", MODEL).time) == 29
@@ -183,35 +177,35 @@ def test_a_frame_without_markers_is_left_out_reported_and_code_3(tmp_path: Path,
     ],
 )
 def test_a_wrong_set_up_is_one_sentence(
-    tasks: str, words: tuple[str, ...], expected: str, tmp_path: Path, capsys, monkeypatch
+    tasks: str, words: tuple[str, ...], expected: str, tmp_path: Path, station: Station
 ) -> None:
     trial(tmp_path, frames=6)
     (tmp_path / "setup.xml").write_text(SETUP.format(range="-1 9", tasks=tasks), encoding="utf-8")
     output = tmp_path / "q.mot"
     given = ("--setup", tmp_path / "setup.xml", "--model", "bundled", "--output", output, *words)
-    code, printed = run(capsys, monkeypatch, *given)
+    code, printed = run(station, *given)
     assert (code, output.exists()) == (1, False)
     assert expected in printed
     assert len(printed.strip().splitlines()) == 1
     assert len(printed) < 1500, "a name from the file fills no screen"
 
 
-def test_a_file_of_too_long_a_name_is_one_that_is_not_there(tmp_path: Path, capsys, monkeypatch) -> None:
+def test_a_file_of_too_long_a_name_is_one_that_is_not_there(tmp_path: Path, station: Station) -> None:
     named = f"<marker_file>{100_000 * 'A'}</marker_file><IKTaskSet>"
     text = SETUP.format(range="0 1", tasks=TASK.format(name="C7", weight=1)).replace("<IKTaskSet>", named)
     (tmp_path / "setup.xml").write_text(text)
     given = ("--setup", tmp_path / "setup.xml", "--model", "bundled", "--output", tmp_path / "q.mot")
-    code, printed = run(capsys, monkeypatch, *given)
+    code, printed = run(station, *given)
     assert code == 1 and "[model_unusable.unreadable_file]" in printed and len(printed) < 1500
 
 
 @pytest.mark.shared
-def test_a_published_set_up_is_read_with_the_names_of_its_tasks(capsys, monkeypatch, tmp_path: Path) -> None:
+def test_a_published_set_up_is_read_with_the_names_of_its_tasks(station: Station, tmp_path: Path) -> None:
     setup = read_ik_setup(SHARED / "markers" / "ik_setup.xml")
     assert setup.markers["ai"] == 0.5
     words = ("--setup", SHARED / "markers" / "ik_setup.xml", "--model", NO_WEIGHT, "--to", "0.5")
     trc = SHARED / "markers" / "FLX01.trc"
-    code, printed = run(capsys, monkeypatch, *words, "--markers", trc, "--output", tmp_path / "q.mot")
+    code, printed = run(station, *words, "--markers", trc, "--output", tmp_path / "q.mot")
     assert code == 0, printed
     assert "no visible marker determines elbow_flexion, pro_sup (frames: 51)" in printed
     assert "it is taken for the origin" in printed

@@ -21,10 +21,11 @@ from solver.osim.tool_setups import read_ik_setup
 from station.kinematics.ik import IkInputs, solve_postures
 from station.kinematics.marker_checks import KinematicsError, find_in_markers
 from station.kinematics.marker_sets import MarkerSetError, place_marker_set, read_marker_set
-from station.kinematics.scale import ScaleInputs, scale_body
+from station.kinematics.scale import ScaledBody, ScaleInputs, scale_body
 from station.messages.kinematics_messages import KinematicsCode
 from tests.refusals import raises_refusal
 from tests.solver.references import SHARED
+from tests.station.command import Station, assert_refused
 from tests.station.kinematics.test_ik import TASK, run, trial, write_setup
 from tests.station.kinematics.test_scale import PAIR, SETUP, on_humerus
 
@@ -128,10 +129,10 @@ def test_one_marker_on_the_scapula_is_a_finding(tmp_path: Path) -> None:
     assert CoverageCode.NO_SCAPULA_MARKERS in {finding.code for finding in solved.findings}
 
 
-def test_what_was_solved_is_written_as_a_set_up_that_solves_the_same(tmp_path: Path, capsys, monkeypatch) -> None:
+def test_what_was_solved_is_written_as_a_set_up_that_solves_the_same(tmp_path: Path, station: Station) -> None:
     trial(tmp_path, frames=6)
     words = ("--model", "bundled", "--markers", tmp_path / "trial.trc", "--output", tmp_path / "q.csv")
-    code, _ = run(capsys, monkeypatch, *words, "--from", "0.01", "--write-setup", tmp_path / "ik.xml")
+    code, _ = run(station, *words, "--from", "0.01", "--write-setup", tmp_path / "ik.xml")
     assert code == 0
     setup = read_ik_setup(tmp_path / "ik.xml")
     assert setup.time_range == (0.01, 0.05)
@@ -141,20 +142,9 @@ def test_what_was_solved_is_written_as_a_set_up_that_solves_the_same(tmp_path: P
     assert len(again.time) == 5
 
 
-def mirrored(table: MarkerTable) -> MarkerTable:
-    return replace(table, positions=table.positions * [1.0, 1.0, -1.0])
-
-
-def halved(table: MarkerTable) -> MarkerTable:
+def shifted(table: MarkerTable, at: Any, by: object) -> MarkerTable:
     positions = table.positions.copy()
-    positions[:, ::2] = np.nan
-    return replace(table, positions=positions)
-
-
-def of_two_persons(table: MarkerTable) -> MarkerTable:
-    """The other one stands 0.6 m beside, and every second label is on his body."""
-    positions = table.positions.copy()
-    positions[:, ::2] += [600.0, 0.0, 200.0]
+    positions[at] += by
     return replace(table, positions=positions)
 
 
@@ -164,32 +154,25 @@ def beside_another_person(table: MarkerTable) -> MarkerTable:
     return replace(table, labels=tuple(labels), positions=positions, residuals=np.zeros(positions.shape[:2]))
 
 
-def twice(table: MarkerTable) -> MarkerTable:
-    both = beside_another_person(table)
-    return replace(both, labels=(*table.labels, *table.labels))
-
-
-def in_metres(table: MarkerTable) -> MarkerTable:
-    return replace(table, positions=1e-3 * table.positions)
-
-
 def unknown(table: MarkerTable) -> MarkerTable:
     return replace(table, labels=tuple(f"M{k}" for k in range(len(table.labels))))
 
 
-def unknown_but_one(table: MarkerTable) -> MarkerTable:
-    return replace(table, labels=(table.labels[0], *unknown(table).labels[1:]))
-
-
-BAD = {
-    mirrored: KinematicsCode.MIRRORED,
-    halved: KinematicsCode.MARKERS_MISSING,
-    of_two_persons: KinematicsCode.NO_FIT,
-    beside_another_person: KinematicsCode.SEVERAL_PERSONS,
-    twice: KinematicsCode.SEVERAL_PERSONS,
-    in_metres: KinematicsCode.WRONG_SIZE,
-    unknown: KinematicsCode.NONE_IN_COMMON,
-    unknown_but_one: KinematicsCode.ONE_IN_COMMON,
+BAD: dict[str, tuple[Change, KinematicsCode]] = {
+    "mirrored": (lambda table: replace(table, positions=table.positions * [1, 1, -1]), KinematicsCode.MIRRORED),
+    "halved": (lambda table: shifted(table, np.s_[:, ::2], np.nan), KinematicsCode.MARKERS_MISSING),
+    "two persons": (lambda table: shifted(table, np.s_[:, ::2], [600.0, 0.0, 200.0]), KinematicsCode.NO_FIT),
+    "another person": (beside_another_person, KinematicsCode.SEVERAL_PERSONS),
+    "twice": (
+        lambda table: replace(beside_another_person(table), labels=2 * table.labels),
+        KinematicsCode.SEVERAL_PERSONS,
+    ),
+    "metres": (lambda table: replace(table, positions=1e-3 * table.positions), KinematicsCode.WRONG_SIZE),
+    "unknown": (unknown, KinematicsCode.NONE_IN_COMMON),
+    "unknown but one": (
+        lambda table: replace(table, labels=(table.labels[0], *unknown(table).labels[1:])),
+        KinematicsCode.ONE_IN_COMMON,
+    ),
 }
 
 
@@ -200,47 +183,45 @@ def written_trial(folder: Path, change: Change, frames: int = 8) -> Path:
     return path
 
 
-@pytest.mark.parametrize("change", BAD, ids=[change.__name__ for change in BAD])
-def test_markers_that_do_not_go_with_the_model_are_refused_with_a_code(change: Change, tmp_path: Path) -> None:
-    with pytest.raises(KinematicsError) as refused:
+@pytest.mark.parametrize("bad", BAD)
+def test_markers_that_do_not_go_with_the_model_are_refused(bad: str, tmp_path: Path) -> None:
+    change, code = BAD[bad]
+    with raises_refusal(code, kind=KinematicsError):
         solve_postures(IkInputs("bundled", written_trial(tmp_path, change), None))
-    assert refused.value.code == BAD[change]
-    assert "\n" not in str(refused.value)
 
 
-@pytest.mark.parametrize("change", [mirrored, of_two_persons, beside_another_person, unknown])
-def test_a_body_is_not_scaled_by_them_either(change: Change, tmp_path: Path) -> None:
-    one = on_humerus()[0]
-    pairs = "".join(PAIR.format(one=one, other=name) for name in NAMES if name != one)
-    setup = tmp_path / "scale.xml"
-    setup.write_text(SETUP.format(pairs=pairs, axes="Y", range="-1 9"), encoding="utf-8")
-    with raises_refusal(BAD[change], kind=KinematicsError):
-        scale_body(ScaleInputs(setup, "bundled", written_trial(tmp_path, change)))
+def scale_arm(folder: Path, change: Change, *others: str) -> ScaledBody:
+    """Scaled by the distances of the first marker on the humerus from these."""
+    pairs = "".join(PAIR.format(one=on_humerus()[0], other=name) for name in others)
+    (folder / "scale.xml").write_text(SETUP.format(pairs=pairs, axes="Y", range="-1 9"), encoding="utf-8")
+    return scale_body(ScaleInputs(folder / "scale.xml", "bundled", written_trial(folder, change)))
+
+
+@pytest.mark.parametrize("bad", ["mirrored", "two persons", "another person", "unknown"])
+def test_a_body_is_not_scaled_by_them_either(bad: str, tmp_path: Path) -> None:
+    change, code = BAD[bad]
+    with raises_refusal(code, kind=KinematicsError):
+        scale_arm(tmp_path, change, *(name for name in NAMES if name != on_humerus()[0]))
 
 
 def test_a_pair_of_markers_that_is_much_too_far_apart_scales_nothing(tmp_path: Path) -> None:
-    one, other = on_humerus()[:2]
+    other = on_humerus()[1]
 
     def apart(table: MarkerTable) -> MarkerTable:
-        positions = table.positions.copy()
-        positions[:, table.labels.index(other)] += [0.0, -335.0, 0.0]
-        return replace(table, positions=positions)
+        return shifted(table, np.s_[:, table.labels.index(other)], [0.0, -335.0, 0.0])
 
-    setup = tmp_path / "scale.xml"
-    setup.write_text(SETUP.format(pairs=PAIR.format(one=one, other=other), axes="Y", range="-1 9"), encoding="utf-8")
     with raises_refusal(KinematicsCode.WRONG_FACTOR, kind=KinematicsError):
-        scale_body(ScaleInputs(setup, "bundled", written_trial(tmp_path, apart)))
+        scale_arm(tmp_path, apart, other)
 
 
-def test_the_verb_ends_with_1_in_one_line_and_writes_nothing(tmp_path: Path, capsys, monkeypatch) -> None:
-    path = written_trial(tmp_path, mirrored)
-    code, printed = run(capsys, monkeypatch, "--model", "bundled", "--markers", path, "--output", tmp_path / "q.mot")
-    assert code == 1
-    assert len(printed.strip().splitlines()) == 1
-    assert [each.name for each in tmp_path.iterdir()] == ["trial.trc"]
+def test_the_verb_ends_with_1_in_one_line_and_writes_nothing(tmp_path: Path, station: Station) -> None:
+    path = written_trial(tmp_path, BAD["mirrored"][0])
+    ran = station("ik", "--model", "bundled", "--markers", path, "--output", tmp_path / "q.mot")
+    assert_refused(ran, 1, KinematicsCode.MIRRORED)
+    assert [found.name for found in tmp_path.iterdir()] == ["trial.trc"]
 
 
-def test_markers_exchanged_for_a_fifth_of_a_second_are_a_finding(tmp_path: Path, capsys, monkeypatch) -> None:
+def test_markers_exchanged_for_a_fifth_of_a_second_are_a_finding(tmp_path: Path, station: Station) -> None:
     one, other = (NAMES.index(name) for name in ("EpL", "ai"))
 
     def exchanged(table: MarkerTable) -> MarkerTable:
@@ -249,7 +230,7 @@ def test_markers_exchanged_for_a_fifth_of_a_second_are_a_finding(tmp_path: Path,
         return replace(table, positions=positions)
 
     path = written_trial(tmp_path, exchanged, frames=60)
-    code, _ = run(capsys, monkeypatch, "--model", "bundled", "--markers", path, "--output", tmp_path / "q.mot")
+    code, _ = run(station, "--model", "bundled", "--markers", path, "--output", tmp_path / "q.mot")
     assert code == 3
     found = figures_of_one(KinematicsCode.EXCHANGED, tmp_path / "q_ik.json")
     assert {found["one"], found["other"]} == {"EpL", "ai"}
@@ -277,12 +258,7 @@ def figures_of_one(code: KinematicsCode, report: Path) -> dict[str, Any]:
 
 
 def hidden(*labels: str) -> Change:
-    def change(table: MarkerTable) -> MarkerTable:
-        positions = table.positions.copy()
-        positions[:, [table.labels.index(label) for label in labels]] = np.nan
-        return replace(table, positions=positions)
-
-    return change
+    return lambda table: shifted(table, np.s_[:, [table.labels.index(label) for label in labels]], np.nan)
 
 
 def test_a_marker_that_no_frame_shows_is_a_finding_and_does_not_cover_its_segment(tmp_path: Path) -> None:
@@ -320,14 +296,10 @@ def test_a_body_is_scaled_with_a_finding_on_a_marker_that_no_frame_shows(tmp_pat
     assert CoverageCode.FEW_SCAPULA_MARKERS in found
 
 
-def test_one_position_far_from_the_body_is_a_finding_with_its_time(tmp_path: Path, capsys, monkeypatch) -> None:
-    def displaced(table: MarkerTable) -> MarkerTable:
-        positions = table.positions.copy()
-        positions[20, table.labels.index("aa")] = 9999.0
-        return replace(table, positions=positions)
-
-    path = written_trial(tmp_path, displaced, frames=60)
-    code, _ = run(capsys, monkeypatch, "--model", "bundled", "--markers", path, "--output", tmp_path / "q.mot")
+def test_one_position_far_from_the_body_is_a_finding_with_its_time(tmp_path: Path, station: Station) -> None:
+    far = np.s_[20, NAMES.index("aa")]
+    path = written_trial(tmp_path, lambda table: shifted(table, far, 9999.0), frames=60)
+    code, _ = run(station, "--model", "bundled", "--markers", path, "--output", tmp_path / "q.mot")
     assert code == 3
     found = figures_of_one(KinematicsCode.FAR, tmp_path / "q_ik.json")
     assert (found["marker"], found["frames"]) == ("aa", 1)

@@ -31,6 +31,7 @@ from station.validation.lifts import CUTOFF_HZ, PUBLISHED_VARIANTS
 from tests.refusals import raises_refusal
 from tests.solver.personalisation.simulated_person import MARKERS, MODEL, draw_person
 from tests.solver.references import SHARED
+from tests.station.command import Station
 from tests.station.kinematics.test_ik import run as run_verb
 
 SUBJECT = SHARED / "subject"
@@ -55,8 +56,8 @@ def words(folder: Path, *more: object) -> tuple[object, ...]:
     return ("--model", folder / "generic.osim", *trials, "--output", folder / "person.osim", *more)
 
 
-def test_a_person_is_written_with_the_set_up_and_the_record(folder: Path, capsys, monkeypatch) -> None:
-    code, printed = run_verb(capsys, monkeypatch, *words(folder, "--body-mass", 70, "--held-mass", 2), verb="scale")
+def test_a_person_is_written_with_the_set_up_and_the_record(folder: Path, station: Station) -> None:
+    code, printed = run_verb(station, *words(folder, "--body-mass", 70, "--held-mass", 2), verb="scale")
     assert code == 0, printed
     person, setup = read_osim(folder / "person.osim"), read_ik_setup(folder / "person-ik.xml")
     masses = {body.name: body.mass for body in person.bodies}
@@ -107,7 +108,7 @@ def test_two_trials_of_one_name_are_wrong_usage(other: str, folder: Path) -> Non
     assert (refused.value.code, refused.value.exit_code) == (PersonCode.SAME_NAME, 2)
 
 
-def test_a_marker_set_without_a_scapula_is_reported_in_body_and_postures(folder: Path, capsys, monkeypatch) -> None:
+def test_a_marker_set_without_a_scapula_is_reported_in_body_and_postures(folder: Path, station: Station) -> None:
     """As the sports sets of camera makers are."""
     table = read_trc(folder / "raise.trc")
     kept = [k for k, label in enumerate(table.labels) if not label.startswith("scapula")]
@@ -116,7 +117,7 @@ def test_a_marker_set_without_a_scapula_is_reported_in_body_and_postures(folder:
     (folder / "sports.trc").write_text(write_trc(sports, "sports.trc"), encoding="utf-8")
     files = ("--model", folder / "generic.osim", "--markers", folder / "sports.trc")
     asked = (*files, "--body-mass", 70, "--output", folder / "sports.osim")
-    code, printed = run_verb(capsys, monkeypatch, *asked, verb="scale")
+    code, printed = run_verb(station, *asked, verb="scale")
     assert code == 0, printed
     record = json.loads((folder / "sports-body.json").read_text(encoding="utf-8"))
     codes = {finding["code"] for finding in record["findings"]}
@@ -130,10 +131,10 @@ def test_a_marker_set_without_a_scapula_is_reported_in_body_and_postures(folder:
     [(("--body-mass", 20), "give the person's mass, not the model's", 1), ((), "--body-mass are", 2)],
 )
 def test_a_mass_that_is_none_leaves_nothing(
-    more: tuple[object, ...], said: str, exit_code: int, folder: Path, tmp_path: Path, capsys, monkeypatch
+    more: tuple[object, ...], said: str, exit_code: int, folder: Path, tmp_path: Path, station: Station
 ) -> None:
     asked = [tmp_path / "person.osim" if word == folder / "person.osim" else word for word in words(folder, *more)]
-    code, printed = run_verb(capsys, monkeypatch, *asked, verb="scale")
+    code, printed = run_verb(station, *asked, verb="scale")
     assert code == exit_code
     assert said in " ".join(printed.split())
     assert not list(tmp_path.iterdir())

@@ -23,6 +23,7 @@ from station.kinematics.scale import ScaledBody, ScaleInputs, scale_body
 from station.messages.kinematics_messages import KinematicsCode, PersonCode
 from tests.refusals import raises_refusal
 from tests.solver.references import SHARED
+from tests.station.command import Station
 from tests.station.kinematics.test_ik import SETUP as IK_SETUP
 from tests.station.kinematics.test_ik import TASK, trial
 from tests.station.kinematics.test_ik import run as run_verb
@@ -52,17 +53,17 @@ def own_setup(range_s: str = "-1 9") -> str:
     return SETUP.format(pairs=PAIR.format(one=one, other=other), axes="Y", range=range_s)
 
 
-def run(folder: Path, capsys, monkeypatch, **parts: str) -> tuple[int, str]:
+def run(folder: Path, station: Station, **parts: str) -> tuple[int, str]:
     names = on_humerus()
     given = {"pairs": PAIR.format(one=names[0], other=names[1]), "axes": "Y", "range": "-1 9"} | parts
     (folder / "scale.xml").write_text(SETUP.format(**given), encoding="utf-8")
     files = ("--setup", folder / "scale.xml", "--output", folder / "scaled.osim")
-    return run_verb(capsys, monkeypatch, *files, "--model", given.pop("model", "bundled"), verb="scale")
+    return run_verb(station, *files, "--model", given.pop("model", "bundled"), verb="scale")
 
 
-def test_markers_of_the_models_own_size_leave_it_as_it_is(tmp_path: Path, capsys, monkeypatch) -> None:
+def test_markers_of_the_models_own_size_leave_it_as_it_is(tmp_path: Path, station: Station) -> None:
     trial(tmp_path, frames=5)
-    code, printed = run(tmp_path, capsys, monkeypatch)
+    code, printed = run(tmp_path, station)
     assert code == 0, printed
     assert "humerus: 1.0000 × 1.0000 × 1.0000" in printed
     scaled = read_osim(tmp_path / "scaled.osim")
@@ -70,13 +71,13 @@ def test_markers_of_the_models_own_size_leave_it_as_it_is(tmp_path: Path, capsys
     assert scaled.bodies[clavicle].mass == pytest.approx(1.1 * MODEL.bodies[clavicle].mass)
 
 
-def test_forces_are_scaled_and_written_and_those_left_out_are_named(tmp_path: Path, capsys, monkeypatch) -> None:
+def test_forces_are_scaled_and_written_and_those_left_out_are_named(tmp_path: Path, station: Station) -> None:
     trial(tmp_path, frames=5)
     spring = PathSpring("band", MODEL.muscles[0].path, 0.1, 100.0, 0.0)
     lost = "<ElasticFoundationForce name='mesh'/></objects></ForceSet>"
     text = Xml.tostring(osim_document(replace(MODEL, forces=(spring,))), encoding="unicode")
     (tmp_path / "generic.osim").write_text(text.replace("</objects></ForceSet>", lost), encoding="utf-8")
-    code, printed = run(tmp_path, capsys, monkeypatch, model=str(tmp_path / "generic.osim"))
+    code, printed = run(tmp_path, station, model=str(tmp_path / "generic.osim"))
     assert code == 0, printed
     assert "left out of the model, and not in the scaled one: ElasticFoundationForce mesh" in printed
     (band,) = read_osim(tmp_path / "scaled.osim").forces
@@ -107,9 +108,9 @@ def test_the_time_range_that_opensim_writes_unset_is_the_whole_trial(tmp_path: P
         ({"range": "5 9"}, "no frame between 5 and 9 s"),
     ],
 )
-def test_a_wrong_set_up_is_one_sentence(parts: dict[str, str], said: str, tmp_path: Path, capsys, monkeypatch) -> None:
+def test_a_wrong_set_up_is_one_sentence(parts: dict[str, str], said: str, tmp_path: Path, station: Station) -> None:
     trial(tmp_path, frames=5)
-    code, printed = run(tmp_path, capsys, monkeypatch, **parts)
+    code, printed = run(tmp_path, station, **parts)
     assert (code, (tmp_path / "scaled.osim").exists()) == (1, False)
     assert said in printed
     assert len(printed.strip().splitlines()) == 1
@@ -124,11 +125,11 @@ def test_a_wrong_manual_factor_is_not_attributed_to_markers(tmp_path: Path) -> N
 
 
 @pytest.mark.shared
-def test_a_published_patient_is_scaled_and_the_figures_are_printed(tmp_path: Path, capsys, monkeypatch) -> None:
+def test_a_published_patient_is_scaled_and_the_figures_are_printed(tmp_path: Path, station: Station) -> None:
     subject = SHARED / "subject"
     words = ("--setup", subject / "scale_setup.xml", "--model", subject / "generic.osim")
     files = ("--markers", subject / "S8R_side.trc", "--output", tmp_path / "scaled.osim")
-    code, printed = run_verb(capsys, monkeypatch, *words, *files, verb="scale")
+    code, printed = run_verb(station, *words, *files, verb="scale")
     assert code == 0, printed
     assert "thorax: 1.3853 × 1.1226 × 1.1226" in printed
     assert "mass of the model 30.00 kg" in printed
@@ -275,7 +276,7 @@ def files(folder: Path) -> dict[str, bytes]:
         ("scale", "--setup", "scale.xml", "--output", "p.osim", "--write-setup", "p.osim"),
     ],
 )
-def test_an_output_that_would_replace_a_file_is_wrong_usage(station, lab: Path, words: tuple[str, ...]) -> None:
+def test_an_output_that_would_replace_a_file_is_refused(station: Station, lab: Path, words: tuple[str, ...]) -> None:
     (lab / "folder.mot").mkdir()
     before = files(lab)
     ran = station(*words)
@@ -284,7 +285,7 @@ def test_an_output_that_would_replace_a_file_is_wrong_usage(station, lab: Path, 
 
 
 @pytest.mark.parametrize("words", [("ik", "--output", "q.mot", "--setup"), ("scale", "--output", "p.osim", "--setup")])
-def test_outputs_replace_those_of_the_last_run(station, lab: Path, words: tuple[str, ...]) -> None:
+def test_outputs_replace_those_of_the_last_run(station: Station, lab: Path, words: tuple[str, ...]) -> None:
     for _ in range(2):
         ran = station(*words, f"{words[0]}.xml", "--write-setup", "used.xml")
         assert ran.code == DONE, ran.err

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 from recordings.samples import Samples
 from recordings.topics import MARKERS
 from solver.stream.stream_frame import StreamOutcome, StreamSuitOutcome
-from station.live.engine import DROP_LATENCY_S, LiveEngine
+from station.live.engine import DROP_LATENCY_S
 from station.live.pipeline import CycleEffort, PreparedTrial
 from station.messages.live_messages import LiveCode
-from tests.station.live.trials import Collected, generic_plan, outcomes, part_of, solve
+from tests.station.live.trials import engine_of, generic_plan, outcomes, part_of, solve, without_glenoid
 from tests.station.wearer import WearerSession
 
 FRAMES = 100
@@ -28,7 +28,7 @@ def plan(wearer: WearerSession, tmp_path_factory: pytest.TempPathFactory) -> Pre
     return generic_plan(wearer.config, tmp_path_factory.mktemp("generic"))
 
 
-def test_exchanged_labels_are_named(wearer: WearerSession, plan: PreparedTrial) -> None:
+def test_exchanged_labels_are_named_and_a_good_day_has_no_codes(wearer: WearerSession, plan: PreparedTrial) -> None:
     labels = next(stream.labels for stream in part_of(wearer, 1).streams if stream.name == MARKERS)
     one, other = labels.index("EpL"), labels.index("ac")
 
@@ -43,6 +43,9 @@ def test_exchanged_labels_are_named(wearer: WearerSession, plan: PreparedTrial) 
     assert LiveCode.MARKERS_EXCHANGED in kept.codes
     plain = solve(plan, part_of(wearer, FRAMES))[1]
     assert LiveCode.MARKERS_EXCHANGED not in plain.codes
+    assert LiveCode.GENERIC_BODY in plain.codes and plain.setup is not None, "the session has no body of its own"
+    assert not plain.setup.subject.is_scaled and plain.setup.subject.name == "thoracoscapular"
+    assert LiveCode.NO_GLENOID not in plain.codes
 
 
 def test_values_resume_after_a_wearer_has_left_the_volume(wearer: WearerSession, plan: PreparedTrial) -> None:
@@ -74,10 +77,8 @@ def test_cameras_at_300_hz_are_decimated_to_100(wearer: WearerSession, plan: Pre
 def test_a_slow_computer_leaves_out_frames_and_counts_them(wearer: WearerSession, plan: PreparedTrial) -> None:
     """Solving muscles takes 60 ms and a posture 1 ms of a clock by hand; every frame is late for the next one."""
     now = [0.0]
-    part, kept = part_of(wearer, 150), Collected()
-    engine = LiveEngine(plan, on_setup=lambda _: kept.updates.append, sinks=[kept], now_s=lambda: now[0])
-    for stream in part.streams:
-        engine.describe(stream)
+    part = part_of(wearer, 150)
+    engine, kept = engine_of(plan, part.streams, now_s=lambda: now[0])
     blocks = [block for block in part.blocks() if _is_frame(block)]
     for number, block in enumerate(blocks):
         arrival = 0.01 * number
@@ -94,24 +95,16 @@ def test_a_slow_computer_leaves_out_frames_and_counts_them(wearer: WearerSession
 
 
 def test_a_model_without_glenoid_is_solved_without_its_constraint(wearer: WearerSession, plan: PreparedTrial) -> None:
-    body = plan.plan.body
-    model = replace(body.model, markers=tuple(m for m in body.model.markers if "glenoid" not in m.name.lower()))
-    assert len(model.markers) < len(body.model.markers)
-    without = replace(plan, plan=replace(plan.plan, body=replace(body, model=model)))
-    _, kept = solve(without, part_of(wearer, 40))
+    _, kept = solve(without_glenoid(plan), part_of(wearer, 40))
     assert LiveCode.NO_GLENOID in kept.codes and kept.setup is not None and not kept.setup.has_glenoid
     assert {one.outcome for values in kept.values for one in values.scenarios} == {StreamSuitOutcome.SOLVED}
-    assert LiveCode.NO_GLENOID not in solve(plan, part_of(wearer, 40))[1].codes
 
 
 def test_markers_of_another_set_are_refused_with_their_names(wearer: WearerSession, plan: PreparedTrial) -> None:
     part = part_of(wearer, 5)
-    kept = Collected()
-    engine = LiveEngine(plan, on_setup=lambda _: kept.updates.append, now_s=lambda: 0.0)
-    for stream in part.streams:
-        is_markers = stream.name == MARKERS
-        labels = tuple(f"M{k}" for k in range(len(stream.labels))) if is_markers else stream.labels
-        engine.describe(replace(stream, labels=labels))
+    other = {stream.name: tuple(f"M{k}" for k in range(len(stream.labels))) for stream in part.streams}
+    streams = (replace(one, labels=other[MARKERS]) if one.name == MARKERS else one for one in part.streams)
+    engine, kept = engine_of(plan, streams)
     engine.take(next(block for block in part.blocks() if _is_frame(block)), 0.0)
     assert LiveCode.UNKNOWN_MARKERS in kept.codes and engine.solved == 0
 
@@ -152,10 +145,9 @@ def test_the_best_rest_length_is_the_lowest_point_of_the_curve_over_all_cycles()
 
 
 def test_a_best_length_beyond_those_tried_is_a_bound() -> None:
-    best = run([0.80, 0.80]).best(LENGTHS)
-    assert best is not None and (best.edge, best.rest_length_m) == (1, 0.75)
-    best = run([0.60, 0.60]).best(LENGTHS)
-    assert best is not None and (best.edge, best.rest_length_m) == (-1, 0.66)
+    for length, bound in ((0.80, (1, 0.75)), (0.60, (-1, 0.66))):
+        best = run([length, length]).best(LENGTHS)
+        assert best is not None and (best.edge, best.rest_length_m) == bound
 
 
 def test_recent_effort_is_that_of_the_last_three_cycles() -> None:
@@ -167,7 +159,4 @@ def test_recent_effort_is_that_of_the_last_three_cycles() -> None:
 def test_a_cycle_with_most_frames_unsolved_does_not_count() -> None:
     effort = run([0.70, 0.70], with_gap=True)
     assert effort.cycles == [] and effort.recent() is None and effort.best(LENGTHS) is None
-
-
-def test_fewer_than_three_lengths_have_no_best_one() -> None:
-    assert run([0.70]).best({"worn": 0.72, "0.75 m": 0.75}) is None
+    assert run([0.70]).best({"worn": 0.72, "0.75 m": 0.75}) is None, "nor have two lengths a best one"

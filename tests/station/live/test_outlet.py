@@ -48,18 +48,10 @@ def test_an_outlet_that_cannot_be_confined_is_refused(monkeypatch: pytest.Monkey
 
 
 def test_a_refused_outlet_is_a_finding_and_values_continue(wearer: WearerSession, tmp_path: Path) -> None:
-    prepared, kept = generic_plan(wearer.config, tmp_path), Collected()
-    engine = LiveEngine(
-        prepared, on_setup=lambda _: kept.updates.append, sinks=[LslOutlet("x", "nowhere")], now_s=lambda: 0.0
-    )
-    part = part_of(wearer, 25)
-    for stream in part.streams:
-        engine.describe(stream)
-    for block in part.blocks():
-        engine.take(block, 0.0)
-    engine.finish()
+    plan, part = generic_plan(wearer.config, tmp_path), part_of(wearer, 25)
+    engine, kept = solve(plan, part, LslOutlet("x", "nowhere"))
     assert LiveCode.NO_OUTLET in kept.codes
-    assert engine.solved == 25 == len(solve(prepared, part)[1].values)
+    assert engine.solved == 25 == len(kept.values)
 
 
 @pytest.mark.slow

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +18,7 @@ from station.live.tap import encode_message, encode_request
 from station.messages.live_messages import LiveCode
 from station.subject.assessed_subject import read_wearer_trials
 from tests.refusals import raises_refusal
-from tests.station.live.trials import TIGHT, Collected, generic_plan, part_of
+from tests.station.live.trials import TIGHT, Collected, engine_of, generic_plan, part_of, without_glenoid
 from tests.station.wearer import SPECS, WearerSession
 
 FRAMES = 120
@@ -86,13 +85,9 @@ def test_another_rest_length_acts_from_the_next_frame(
 
 def test_a_rest_length_and_the_notices_last_over_the_sync_edge(wearer: WearerSession, plan: PreparedTrial) -> None:
     """What a view has set while the trial was armed holds in the recording, and the file says so."""
-    body = plan.plan.body
-    model = replace(body.model, markers=tuple(m for m in body.model.markers if "glenoid" not in m.name.lower()))
-    without = replace(plan, plan=replace(plan.plan, body=replace(body, model=model)))
-    kept, part = Collected(), part_of(wearer, 60)
-    engine = LiveEngine(without, on_setup=lambda _: kept.updates.append, sinks=[kept], now_s=lambda: 0.0)
-    for stream in part.streams:
-        engine.describe(stream)
+    without = without_glenoid(plan)
+    part = part_of(wearer, 60)
+    engine, kept = engine_of(without, part.streams)
     engine.set_rest_length("rigid", 0.7)
     blocks = part.blocks()
     for block in blocks[: len(blocks) // 2]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -77,6 +77,14 @@ def generic_plan(config: StationConfig, folder: Path, settings: LiveSection | No
     return prepare_trial(config.model_copy(update={"live": live}), folder, TIGHT, 0)
 
 
+def without_glenoid(plan: PreparedTrial) -> PreparedTrial:
+    """The same plan on a model whose markers do not show the glenoid."""
+    body = plan.plan.body
+    model = replace(body.model, markers=tuple(m for m in body.model.markers if "glenoid" not in m.name.lower()))
+    assert len(model.markers) < len(body.model.markers)
+    return replace(plan, plan=replace(plan.plan, body=replace(body, model=model)))
+
+
 @dataclass
 class Collected:
     """A sink and a view that keep everything."""
@@ -102,12 +110,19 @@ class Collected:
         return {finding.code for update in self.updates for finding in update.findings}
 
 
-def solve(prepared: PreparedTrial, part: PartOfTrial) -> tuple[LiveEngine, Collected]:
-    """The part with an engine whose clock stands still."""
+def engine_of(
+    prepared: PreparedTrial, streams: Iterable[Stream], *sinks: object, now_s: Callable[[], float] = lambda: 0.0
+) -> tuple[LiveEngine, Collected]:
+    """An engine that knows these streams, and what it gives; its clock stands still unless it is given one."""
     kept = Collected()
-    engine = LiveEngine(prepared, on_setup=lambda _: kept.updates.append, sinks=[kept], now_s=lambda: 0.0)
-    for stream in part.streams:
+    engine = LiveEngine(prepared, on_setup=lambda _: kept.updates.append, sinks=[kept, *sinks], now_s=now_s)  # type: ignore[list-item]
+    for stream in streams:
         engine.describe(stream)
+    return engine, kept
+
+
+def solve(prepared: PreparedTrial, part: PartOfTrial, *sinks: object) -> tuple[LiveEngine, Collected]:
+    engine, kept = engine_of(prepared, part.streams, *sinks)
     for block in part.blocks():
         engine.take(block, 0.0)
     engine.finish()

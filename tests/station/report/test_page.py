@@ -2,29 +2,44 @@
 
 from __future__ import annotations
 
+import json
 import re
 from dataclasses import replace
 from functools import cache
 from html import escape
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
 import pytest
 
 from fitting.cuffs.cuff_fit import SessionFit
+from fitting.cuffs.cuffs_file import cuffs_json
 from fitting.results.codes import NoteCode
+from fitting.results.cuffs_schema import CuffsDocument
 from fitting.results.sentences import Note
 from fitting.results.trial_codes import TensorCode
 from fitting.session import fit_session
 from fitting.spatial.tensors import Tensor, Tensors
 from fitting.trial.trial import build_trial
+from recordings.manifest import CuffSite, DataOrigin, LoadCell, Manifest, MeasurementProtocol
+from recordings.samples import DeviceIdentity, Event
 from station.charts.marks import Chart, Line, Panel, Points, Rule, Strip
+from station.files.chain import trace_chain
 from station.journal import Setup, write_mark, write_note, write_setup
+from station.messages.study_messages import StudyCode
+from station.report import session_facts as module
+from station.report.cuff_section import adopt_normative, normative_section
 from station.report.fit_figures import checks_figure, fit_figure
 from station.report.muscle_figures import activation_figure, change_figure, muscle_changes
 from station.report.page import write_report
+from station.report.session_facts import UNKNOWN, recording_rows, session_facts
+from station.report.verification import number_links
+from station.study.sessions import StudyError
 from tests.fitting.experiment import Session, published
+from tests.recordings.trials import record
+from tests.refusals import raises_refusal
 from tests.station.reported import unmarked_numbers
 
 MOST_BYTES_PER_TRIAL = 60_000
@@ -208,3 +223,116 @@ def test_what_is_missing_is_listed_first(tmp_path: Path) -> None:
     (tmp_path / "missing.json").write_text('["hand, static, repeat 2: no edge came"]', encoding="utf-8")
     page = write_report(tmp_path, _fitted()).read_text(encoding="utf-8")
     assert page.index("hand, static, repeat 2: no edge came") < page.index("<h2>")
+
+
+# A session's cuffs beside the normative table of a study.
+
+
+def _entry(mean: float, low: float, high: float) -> dict[str, Any]:
+    return {
+        "mean": mean,
+        "mean_ci95": [0.9 * mean, 1.1 * mean],
+        "prediction95": [low, high],
+        "volunteers": 12,
+        "repeats": 3,
+    }
+
+
+@pytest.fixture
+def table(tmp_path: Path) -> Path:
+    path = tmp_path / "study" / "normative.json"
+    path.parent.mkdir()
+    cuffs = {"waist": {"stiffness": _entry(3000.0, 2500.0, 3500.0), "migration": _entry(0.012, 0.006, 0.018)}}
+    document = {"format": 1, "origin": "measured", "study_sha256": "0" * 64, "cuffs": cuffs}
+    path.write_text(json.dumps(document), encoding="utf-8")
+    return path
+
+
+def test_a_value_is_below_within_or_above_the_prediction_interval(table: Path) -> None:
+    fit = _fitted().cuffs["waist"]
+    assert fit.stiffness and fit.migration and fit.stiffness.value < 2500.0 and 0.006 < fit.migration.value < 0.018
+    worn = {"waist": fit.wearable()}
+    section = normative_section(table.parent, worn, DataOrigin.MEASURED)
+    assert section is not None and section.has_same_origin
+    assert [(row.cuff, row.quantity, row.place) for row in section.rows] == [
+        ("waist", "stiffness [N/m]", "below the interval"),
+        ("waist", "migration [mm]", "within the interval"),
+    ]
+    assert str(section.rows[1].interval) == "6.0 to 18.0"
+    assert normative_section(table.parent.parent, worn, DataOrigin.MEASURED) is None
+
+
+def test_the_table_is_kept_with_the_session_shown_and_verified(table: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "session"
+    folder.mkdir()
+    adopt_normative(table, folder)
+    (folder / "cuffs.json").write_text(cuffs_json(_fitted()), encoding="utf-8")
+    path = write_report(folder, _fitted())
+    page = path.read_text(encoding="utf-8")
+    assert 'id="normative"' in page and "2500 to 3500" in page
+    assert unmarked_numbers(path, *(trial.file for trial in _fitted().cuffs["waist"].trials)) == []
+    assert "report.json ← normative.json, 6 numbers" in {
+        link.what for link in number_links(folder) if link.standing == "as recorded"
+    }
+    links = {link.what: link.standing for link in trace_chain(folder)}
+    assert links["normative.json"] == "as recorded"
+    adopt_normative(folder / "normative.json", folder)
+    assert (folder / "normative.json").read_bytes() == table.read_bytes()
+
+
+def test_another_file_is_refused_and_not_copied(tmp_path: Path) -> None:
+    other = tmp_path / "study.json"
+    other.write_text("{}", encoding="utf-8")
+    with raises_refusal(StudyCode.WRONG_NORMATIVE, kind=StudyError):
+        adopt_normative(other, tmp_path)
+    assert not (tmp_path / "normative.json").exists()
+
+
+# Facts of the session: subject and operator from the journal, devices and protocol from the recordings.
+
+
+MANIFEST = Manifest(
+    cuff=CuffSite("hand", "arm", ("a1",), ("c1",)),
+    test="static",
+    repeat=1,
+    run=1,
+    donning="1",
+    start="sync_edge",
+    sync_threshold_v=2.5,
+    load_cell=LoadCell("daq", 98.0665, 1, serial_number="LC-7", capacity_kg=50.0, calibrated_on="2026-01-15"),
+    start_utc_ns=1_780_000_000_000_000_000,
+    protocol=MeasurementProtocol((1.5, 1.5), 7.0, 20.0),
+    devices=(DeviceIdentity("NI Dev1", "USB-6008 serial number 01C0FFEE", False),),
+)
+
+
+def test_subject_devices_protocol_and_times_are_listed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    write_setup(tmp_path, Setup("P01", "MK", ("hand",), 1))
+    later = replace(MANIFEST, test="dynamic", start_utc_ns=MANIFEST.start_utc_ns + 600 * 10**9)
+    found = {"first.mcap": MANIFEST, "second.mcap": later}
+    monkeypatch.setattr(module, "read_manifest", lambda path: found[path.name])
+    listed = session_facts(tmp_path, [tmp_path / name for name in found], None, DataOrigin.MEASURED)
+    facts = {fact.name: fact.text for fact in listed}
+    assert facts["Subject"] == "P01"
+    assert facts["Operator"] == "MK"
+    assert facts["Data"] == "measured"
+    assert facts["Devices"] == "USB-6008 serial number 01C0FFEE", "a device of several trials stands once"
+    assert "LC-7" in facts["Load cell"] and "2026-01-15" in facts["Load cell"]
+    assert facts["Protocol"].startswith("2 trials of 1 cuff in 1 donning; static: 2 weights, 3 kg together")
+    assert facts["Recorded"] == "2026-05-28 20:26 to 20:36 UTC"
+
+
+def test_a_folder_without_journal_and_recordings_says_that_nothing_is_recorded(tmp_path: Path) -> None:
+    facts = {fact.name: fact.text for fact in session_facts(tmp_path, [], None, DataOrigin.UNKNOWN)}
+    assert facts["Subject"] == facts["Operator"] == UNKNOWN
+    assert set(facts) == {"Subject", "Operator", "Data"}
+
+
+def test_a_named_mark_has_its_time_from_the_sync_edge(tmp_path: Path) -> None:
+    zero_ns = 1_780_000_000_000_000_000
+    at_s = {"sync_edge": (2.0,), "mark": (5.25, 9.5)}
+    events = [Event(kind, "", zero_ns + round(1e9 * s), "station") for kind, times in at_s.items() for s in times]
+    record(tmp_path / "a.mcap", events)
+    write_mark(tmp_path, "a.mcap", 2, "coughed")
+    (row,) = recording_rows(tmp_path, CuffsDocument(format=1, cuffs={}))
+    assert row.remarks == ("mark 2 at 7.5 s: coughed",)

@@ -4,25 +4,32 @@ from __future__ import annotations
 
 import io
 import re
+from dataclasses import replace
 from functools import partial
 from itertools import combinations
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pandas as pd
 import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from PIL import Image
 
+from solver.redundancy.effort import RedundancyOptions, static_optimisation
 from station import charts
 from station.assessment.drawn_postures import PostureEntry
+from station.assessment.given_motion import MotionCut, MuscleInputs
+from station.assessment.rmr import solve_muscles
 from station.charts.marks import Array, Line, Panel, chart
 from station.charts.svg import draw
-from station.progress import silent
 from station.report.assessment_section import ELEVATION, LESS, MORE, activation_changes, body_figure, change_colour
 from station.report.pictures import PlannedPicture, draw_all
 from station.report.plot import DPI, as_png
+from station.report.rmr_figures import UNKNOWN, _activations, _glenoid, _joint_forces, _reserves
+from tests.solver.legs import step_in
 
 ACTIVATIONS = pd.DataFrame(
     {
@@ -39,24 +46,16 @@ DEUTERANOPIA = np.array(
 """Machado, Oliveira and Fernandes (2009), IEEE Trans. Vis. Comput. Graph. 15:1291, severity 1, of linear RGB."""
 
 
-def test_progress_counts_every_figure_of_all_sections() -> None:
+def test_every_section_has_its_own_figures_in_their_order_and_progress_counts_them() -> None:
     reported: list[tuple[str, int, int]] = []
-    planned = {"waist": [_planned("a"), _planned("b")], "hand": [_planned("c")]}
-    draw_all(planned, lambda *step: reported.append(step))
-    assert reported == [("drawing figures", done, 3) for done in range(4)]
-
-
-def test_a_page_without_figures_counts_none() -> None:
-    reported: list[tuple[str, int, int]] = []
-    assert draw_all({"waist": []}, lambda *step: reported.append(step)) == {"waist": ()}
-    assert reported == []
-
-
-def test_every_section_has_its_own_figures_in_their_order() -> None:
-    drawn = draw_all({"waist": [_planned("a"), _planned("b", is_wide=True)], None: [_planned("c")]}, silent)
+    planned = {"waist": [_planned("a"), _planned("b", is_wide=True)], None: [_planned("c")]}
+    drawn = draw_all(planned, lambda *step: reported.append(step))
     captions = {section: [(picture.caption, picture.is_wide) for picture in part] for section, part in drawn.items()}
     assert captions == {"waist": [("a", False), ("b", True)], None: [("c", False)]}
     assert ">panel c</text>" in drawn[None][0].drawing
+    assert reported == [("drawing figures", done, 3) for done in range(4)]
+    assert draw_all({"waist": []}, lambda *step: reported.append(step)) == {"waist": ()}
+    assert len(reported) == 4, "a page without figures counts none"
 
 
 def _planned(caption: str, *, is_wide: bool = False) -> PlannedPicture:
@@ -66,18 +65,12 @@ def _planned(caption: str, *, is_wide: bool = False) -> PlannedPicture:
 # PNG of matplotlib's figures: always the same, opaque, of the size that was asked for.
 
 
-def test_the_same_figure_gives_the_same_bytes_without_a_date_or_a_version() -> None:
+def test_a_figure_is_opaque_of_the_size_asked_for_and_has_no_date_or_version() -> None:
     first, second = (as_png(_example()) for _ in range(2))
     assert first == second
     with Image.open(io.BytesIO(first)) as image:
         assert set(image.info) == {"dpi"}
-
-
-def test_a_figure_is_opaque_and_as_large_as_it_was_asked_to_be() -> None:
-    with Image.open(io.BytesIO(as_png(_example()))) as image:
-        assert image.mode == "RGB"
-        assert image.size == (3 * DPI, 2 * DPI)
-        assert image.getpixel((0, 0)) == (255, 255, 255)
+        assert (image.mode, image.size, image.getpixel((0, 0))) == ("RGB", (3 * DPI, 2 * DPI), (255, 255, 255))
 
 
 def _example() -> Figure:
@@ -167,3 +160,60 @@ def _lab(colour: str) -> Array:
     xyz = np.array([[0.4124, 0.3576, 0.1805], [0.2126, 0.7152, 0.0722], [0.0193, 0.1192, 0.9505]]) @ seen
     f = np.cbrt(xyz / np.array([0.9505, 1.0, 1.089]))
     return np.array([116 * f[1] - 16, 500 * (f[0] - f[1]), 200 * (f[1] - f[2])])
+
+
+# The page of `station rmr --plot` for a model without a glenoid.
+
+
+def test_the_page_of_a_leg_without_a_requested_joint_names_the_option_and_no_glenoid() -> None:
+    solved: Any = SimpleNamespace(solution=SimpleNamespace(joint_reactions=SimpleNamespace(labels=())))
+    axis = Figure().subplots()
+    axis.set_title("joint reaction in the plane of the glenoid", loc="left")
+    _joint_forces(axis, solved)
+    texts = [axis.get_title(loc="left"), *(text.get_text() for text in axis.texts)]
+    assert "--joint" in " ".join(texts) and "glenoid" not in " ".join(texts)
+
+
+@pytest.mark.parametrize(("frames", "muscles"), [(1, 1), (1, 4), (5, 1)])
+def test_an_unsolved_frame_is_grey_also_where_it_or_its_muscle_is_alone(frames: int, muscles: int) -> None:
+    unsolved = SimpleNamespace(time=0.01 * np.arange(frames), activations=np.full((frames, muscles), np.nan))
+    model = SimpleNamespace(muscle_names=[f"muscle_{number}" for number in range(muscles)])
+    figure: Any = Figure()
+    canvas = FigureCanvasAgg(figure)
+    _activations(figure, SimpleNamespace(solution=unsolved, model=model))  # type: ignore[arg-type]
+    axis, *_ = figure.axes
+    canvas.draw()
+    across, up = axis.transAxes.transform((0.45, 0.45))
+    pixels = np.asarray(canvas.buffer_rgba())
+    middle = pixels[len(pixels) - int(up), int(across), :3]
+    assert "#" + bytes(middle).hex() == UNKNOWN
+
+
+def test_no_two_reserves_of_a_panel_are_drawn_alike(tmp_path: Path) -> None:
+    step = step_in(tmp_path)
+    inputs = MuscleInputs(step.motion, str(step.model), step.loads, actuators=(step.actuators,))
+    options = static_optimisation(RedundancyOptions(joint="thigh_joint"))
+    figure: Any = Figure()
+    solved = solve_muscles(inputs, MotionCut(6.0, 0.2, 0.4, 5, "splines"), options)
+    _reserves(figure, solved)
+    drawn = [[(line.get_color(), line.get_linestyle()) for line in axis.lines] for axis in figure.axes]
+    assert [len(set(lines)) for lines in drawn] == [8, 3]  # rotations, translations of the pelvis
+    page: Any = Figure()
+    _activations(page, solved)
+    assert figure.axes[-1].get_xlim() == pytest.approx(page.axes[0].get_xlim())
+
+
+@pytest.mark.parametrize(("farthest", "outside"), [(0.071, 0), (1.0, 1)])
+def test_the_axes_of_the_glenoid_contain_the_reaction_or_say_how_far_it_is(farthest: float, outside: int) -> None:
+    """Without the glenoid's constraint the reaction may pass far outside, and in the end be in its plane."""
+    solved = solve_muscles(MuscleInputs(), MotionCut(every=200), static_optimisation(RedundancyOptions()))
+    contact = np.full_like(solved.solution.contact, 0.038)
+    contact[-1, 0] = -farthest
+    page: Any = Figure()
+    _glenoid(page, replace(solved, solution=replace(solved.solution, contact=contact)))
+    axis, *_ = page.axes
+    least, greatest = axis.get_xlim()
+    points = 1e3 * contact[:, 0]
+    assert int(((points < least) | (points > greatest)).sum()) == outside
+    noted = [text.get_text() for text in axis.texts if "beyond" in text.get_text()]
+    assert [("1000 mm" in note) for note in noted] == [True] * outside

@@ -81,23 +81,17 @@ def _cuff(
             spread.mean + spread.volunteer * volunteer[i] + spread.operator * operator[i] + spread.donning * offset[i]
             for i, spread in enumerate((STIFFNESS, DAMPING, MIGRATION))
         ]
-        trials = [
-            _trial(
-                f"cuff-{name}_test-{test}_run-{(donning - 1) * repeats + repeat}",
-                test,
-                key,
-                repeat,
-                factor * centre,
-                factor,
-                spread,
-                rng,
-            )
-            for test, key, centre, spread in (
-                ("static", "stiffness_n_per_m", centres[0], STIFFNESS),
-                ("dynamic", "damping_n_s_per_m", centres[1], DAMPING),
-            )
-            for repeat in range(1, repeats + 1)
-        ]
+        trials = []
+        for test, key, centre, spread in (
+            ("static", "stiffness_n_per_m", centres[0], STIFFNESS),
+            ("dynamic", "damping_n_s_per_m", centres[1], DAMPING),
+        ):
+            for repeat in range(1, repeats + 1):
+                file = f"cuff-{name}_test-{test}_run-{(donning - 1) * repeats + repeat}.mcap"
+                noise = factor * spread.repeat * rng.standard_normal() + spread.noise * rng.standard_normal()
+                figure = _figure(factor * centre + noise, spread.noise)
+                trial = {"file": file, "test": test, "repeat": repeat, "run": repeat, "state": "used"}
+                trials.append(trial | {"reason": "", "notes": [], key: figure})
         found[str(donning)] = {
             "stiffness_n_per_m": _figure(factor * centres[0], STIFFNESS.noise),
             "damping_n_s_per_m": _figure(factor * centres[1], DAMPING.noise),
@@ -108,22 +102,6 @@ def _cuff(
             "trials": trials,
         }
     return {**found[str(donnings)], "donnings": found}
-
-
-def _trial(
-    stem: str, test: str, key: str, repeat: int, centre: float, factor: float, spread: Spread, rng: np.random.Generator
-) -> dict[str, Any]:
-    value = centre + factor * spread.repeat * rng.standard_normal() + spread.noise * rng.standard_normal()
-    return {
-        "file": f"{stem}.mcap",
-        "test": test,
-        "repeat": repeat,
-        "run": repeat,
-        "state": "used",
-        "reason": "",
-        "notes": [],
-        key: _figure(value, spread.noise),
-    }
 
 
 def _figure(value: float, error: float) -> dict[str, Any]:

@@ -69,6 +69,14 @@ def test_a_figure_that_is_not_finite_is_refused_by_the_document(document: StudyD
         StudyDocument(**{**dict(document), "cuffs": {"tube": {"stiffness": broken}}})
 
 
+def test_another_file_is_no_study_and_no_normative_table(tmp_path: Path) -> None:
+    (tmp_path / "other.json").write_text(other := '{"format": 2}', encoding="utf-8")
+    with pytest.raises(ValidationError):
+        StudyDocument.model_validate_json(other)
+    with raises_refusal("normative.wrong_file", kind=StudyError):
+        read_normative(tmp_path / "other.json")
+
+
 def test_the_cuffs_differ_over_volunteers_by_what_they_were_drawn_with(document: StudyDocument) -> None:
     (found,) = [one for one in document.comparisons if one.quantity == "stiffness"]
     assert (found.first, found.second, found.volunteers) == ("hand", "tube", 8)
@@ -152,11 +160,11 @@ def test_a_trial_that_ended_early_is_the_reason_for_a_missing_value_with_its_fig
 
 
 def test_measured_and_simulated_sessions_are_not_mixed(tmp_path: Path) -> None:
-    write_sessions(tmp_path / "a", 1, operators=1)
-    write_sessions(tmp_path / "b", 1, operators=1, origin="simulated")
-    with pytest.raises(StudyError) as refused:
-        read_sessions([tmp_path / "a", tmp_path / "b"])
-    assert refused.value.code == "study.mixed_origin"
+    folders = [tmp_path / origin for origin in ("measured", "simulated")]
+    for folder in folders:
+        write_sessions(folder, 1, operators=1, origin=folder.name)
+    with raises_refusal(StudyCode.MIXED_ORIGIN, kind=StudyError):
+        read_sessions(folders)
 
 
 def test_a_folder_without_sessions_is_refused(tmp_path: Path, station: Station) -> None:
@@ -170,9 +178,8 @@ def test_sessions_that_cannot_be_used_are_refused_with_what_each_lacks(tmp_path:
     for session in (first, second):
         (session / "session.jsonl").unlink()
     (third / "cuffs.json").unlink()
-    with pytest.raises(StudyError) as refused:
+    with raises_refusal(StudyCode.NO_USABLE_SESSION, kind=StudyError) as refused:
         read_sessions([tmp_path])
-    assert refused.value.code == StudyCode.NO_USABLE_SESSION
     assert [session.name in str(refused.value) for session in (first, second, third)] == [True, True, True]
 
 
@@ -199,14 +206,6 @@ def test_the_page_says_why_there_is_no_reliability_and_has_units(tmp_path: Path,
 def test_the_bands_of_a_forest_plot_have_colours_of_their_own(document: StudyDocument) -> None:
     ((panel,),) = forest_chart(document.cuffs["hand"]["stiffness"], "stiffness").columns
     assert [mark.colour for mark in panel.marks if isinstance(mark, Strip)] == ["quiet", "c1"]
-
-
-def test_another_file_is_no_study_and_no_normative_table(tmp_path: Path) -> None:
-    (tmp_path / "other.json").write_text('{"format": 2}', encoding="utf-8")
-    with pytest.raises(ValidationError):
-        StudyDocument.model_validate_json((tmp_path / "other.json").read_bytes())
-    with raises_refusal("normative.wrong_file", kind=StudyError):
-        read_normative(tmp_path / "other.json")
 
 
 def test_two_volunteers_have_an_interval_with_one_degree_of_freedom(tmp_path: Path) -> None:

@@ -29,11 +29,10 @@ from station.messages.study_messages import SweepCode
 from station.sweep.dataset import Outcome, SweepResult, Task, run_sweep, solve_task
 from station.sweep.sweep_plan import PlanError, read_plan
 from tests.refusals import raises_refusal
+from tests.station.assessment.test_assess import CUFFS, KEYS
 from tests.station.command import assert_refused
 from tests.station.loads import write_weight
 
-CUFFS = {"waist": (2140.0, 124.0, 0.012), "hand": (8520.0, 210.0, 0.012), "elbow": (2530.0, 139.0, 0.022)}
-KEYS = ("stiffness_n_per_m", "damping_n_s_per_m", "migration_m")
 CUFF = 'cuff = ["hand", "elbow"]\n'
 
 
@@ -249,11 +248,8 @@ def test_a_grid_has_every_combination_in_the_order_of_the_axes(tmp_path: Path) -
 
 def test_the_defaults_are_the_bundled_files(tmp_path: Path) -> None:
     first, *others = read_plan(write_plan(tmp_path)).points()
-    assert [first[name] for name in ("model", "motion", "external_loads", "suit")] == [
-        *["bundled"] * 2,
-        "none",
-        "bundled",
-    ]
+    files = [first[name] for name in ("model", "motion", "external_loads", "suit")]
+    assert files == ["bundled", "bundled", "none", "bundled"]
     assert [p["condition"] for p in (first, *others)] == ["rigid", "shift", "visco_elastic", "both"] * 2
     assert "rest_length_m" not in first
 
@@ -270,18 +266,13 @@ def test_a_sample_is_drawn_from_its_spans_and_its_seed_alone(tmp_path: Path, met
     places = np.array([p["arm_point_m"] for p in drawn])
     assert len(drawn) == 50
     assert 0.6 <= lengths.min() < 0.62 and 0.78 < lengths.max() <= 0.8
+    is_even = sorted((50 * (lengths - 0.6) / 0.2).astype(int)) == list(range(50))
+    assert is_even == (method == "latin_hypercube"), "one point in every part of the span"
     assert (places >= [0, -0.2, 0]).all() and (places <= [0, -0.1, 0.01]).all()
     assert {p["cuff"] for p in drawn} == {"hand", "elbow"}
     assert {p["stiffness_n_per_m"] for p in drawn} == {500.0}
     assert drawn == list(read_plan(write_plan(tmp_path, vary, head.format(3))).points())
     assert drawn != list(read_plan(write_plan(tmp_path, vary, head.format(4))).points())
-
-
-def test_a_latin_hypercube_has_one_point_in_every_part_of_a_span(tmp_path: Path) -> None:
-    vary = "rest_length_m = { first = 0.6, last = 0.8 }"
-    plan = read_plan(write_plan(tmp_path, vary, 'method = "latin_hypercube"\ncount = 20\n'))
-    samples = (np.array([float(str(p["rest_length_m"])) for p in plan.points()]) - 0.6) / 0.2
-    assert sorted((samples * 20).astype(int)) == list(range(20))
 
 
 @pytest.mark.parametrize(
@@ -311,12 +302,10 @@ def test_a_wrong_plan_is_refused_by_its_key(tmp_path: Path, vary: str, head: str
 
 
 def test_a_plan_without_cuffs_and_one_that_is_missing_are_refused(tmp_path: Path) -> None:
-    (tmp_path / "bare.toml").write_text("[vary]\n", encoding="utf-8")
-    with raises_refusal(SweepCode.WRONG_TABLE, "vary.cuffs", kind=PlanError):
-        read_plan(tmp_path / "bare.toml")
-    (tmp_path / "empty.toml").write_text("", encoding="utf-8")
-    with raises_refusal(SweepCode.WRONG_TABLE, kind=PlanError):
-        read_plan(tmp_path / "empty.toml")
+    for text, key in (("[vary]\n", "vary.cuffs"), ("", "vary")):
+        (tmp_path / "bare.toml").write_text(text, encoding="utf-8")
+        with raises_refusal(SweepCode.WRONG_TABLE, key, kind=PlanError):
+            read_plan(tmp_path / "bare.toml")
     with raises_refusal(SweepCode.UNREADABLE, kind=PlanError):
         read_plan(tmp_path / "none.toml")
 

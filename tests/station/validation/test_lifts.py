@@ -6,6 +6,7 @@ import csv
 import io
 import re
 import shutil
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -71,6 +72,13 @@ def by_pandas(lift: str, variant: str) -> tuple[float, float]:
     size = (published[["Fx", "Fy", "Fz"]] ** 2).sum(axis=1) ** 0.5
     truth = pd.Series(np.interp(published["time"], measured[0] - measured[0][0], measured[4]))
     return float(((size - truth) ** 2).mean() ** 0.5), float(size.corr(truth))
+
+
+def change_rows(path: Path, change: Callable[[list[str]], list[str]]) -> None:
+    """Of an OpenSim table, its titles and every row."""
+    head, mark, table = path.read_text(encoding="utf-8").partition("endheader\n")
+    rows = ["\t".join(change(row.split())) for row in table.splitlines()]
+    path.write_text("\n".join([head + mark.strip(), *rows]) + "\n", encoding="utf-8")
 
 
 def keep_lines(path: Path, count: int) -> None:
@@ -151,13 +159,17 @@ def test_the_csv_has_a_row_per_lift_and_variant(solved: list[SolvedVariant], tmp
 
 
 @pytest.mark.shared
-def test_the_command_draws_and_fails_beyond_the_limits(station: Station, tmp_path: Path) -> None:
+def test_the_command_fails_beyond_the_limits_and_reports_a_cut_motion(station: Station, tmp_path: Path) -> None:
     copied(tmp_path, "S8R_back")
     ran = station("validate", tmp_path, "--plot", tmp_path / "forces.svg")
     assert ran.code == DONE
     assert (tmp_path / "forces.svg").read_text(encoding="utf-8").count("<svg") == 1
     (tmp_path / "S8R_back_published_none.txt").write_bytes((SUBJECT / "S8R_back_published_circle.txt").read_bytes())
     assert station("validate", tmp_path).code == FAILED
+    keep_lines(tmp_path / "S8R_back.mot", 100)
+    solved, _ = validate_folder(tmp_path)
+    assert [verdict.code for verdict in verdicts(solved)][:3] == 3 * [ValidationCode.PARTLY_PUBLISHED]
+    assert AssessmentCode.ROW_COUNTS in {finding.code for finding in solved[0].findings}
 
 
 @pytest.mark.shared
@@ -165,12 +177,7 @@ def test_a_lift_with_another_name_and_order_of_columns_is_the_same(solved: list[
     """Without the record relative to the glenoid, the size is that of the implant's record."""
     copied(tmp_path, "S8R_side", "P2_front")
     (tmp_path / f"P2_front{GLENOID}").unlink()
-    motion = tmp_path / "P2_front.mot"
-    lines = motion.read_text(encoding="utf-8").splitlines()
-    first = next(number for number, line in enumerate(lines) if line.strip() == "endheader") + 1
-    rows = [line.split() for line in lines[first:]]
-    turned = ["\t".join([row[0], *row[:0:-1]]) for row in rows]
-    motion.write_text("\n".join([*lines[:first], *turned]) + "\n", encoding="utf-8")
+    change_rows(tmp_path / "P2_front.mot", lambda row: [row[0], *row[:0:-1]])
     for path in tmp_path.glob("*published*"):
         table = pd.read_csv(path)
         table[table.columns[::-1]].to_csv(path, index=False)
@@ -194,15 +201,6 @@ def test_a_lift_that_is_refused_leaves_the_others(station: Station, tmp_path: Pa
     assert [(lift.name, lift.error.code) for lift in refused] == [("S8R_front", RecordingCode.FOREIGN_CUT)]
     assert refused[0].message.code is ValidationCode.LIFT_LEFT_OUT
     assert station("validate", tmp_path).code == FAILED
-
-
-@pytest.mark.shared
-def test_a_motion_that_was_cut_is_reported(tmp_path: Path) -> None:
-    copied(tmp_path, "S8R_back")
-    keep_lines(tmp_path / "S8R_back.mot", 100)
-    solved, _ = validate_folder(tmp_path)
-    assert [verdict.code for verdict in verdicts(solved)][:3] == 3 * [ValidationCode.PARTLY_PUBLISHED]
-    assert AssessmentCode.ROW_COUNTS in {finding.code for finding in solved[0].findings}
 
 
 @pytest.mark.shared
@@ -290,11 +288,8 @@ def test_a_lift_with_wrong_files_is_refused(tmp_path: Path) -> None:
     with raises_refusal(ValidationCode.DIFFERENT_FORCES, kind=ValidationFileError):
         read_lift(tmp_path, "S8R_back", ())
     record.write_text(whole, encoding="latin-1")
-    motion = tmp_path / "S8R_back.mot"
-    lines = motion.read_text(encoding="utf-8").splitlines()
-    first = next(number for number, line in enumerate(lines) if line.strip() == "endheader") + 2
-    later = [f"{float(time) + 7:g}\t{rest}" for time, rest in (line.split(maxsplit=1) for line in lines[first:])]
-    motion.write_text("\n".join([*lines[:first], *later]), encoding="utf-8")
+    later = lambda row: row if row[0] == "time" else [f"{float(row[0]) + 7:g}", *row[1:]]  # noqa: E731
+    change_rows(tmp_path / "S8R_back.mot", later)
     with raises_refusal(ValidationCode.NOT_COVERED, kind=ValidationFileError):
         read_lift(tmp_path, "S8R_back", ())
 

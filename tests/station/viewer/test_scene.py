@@ -10,7 +10,7 @@ from collections import Counter
 from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
-from typing import Any
+from unittest.mock import MagicMock
 
 import numpy as np
 import pytest
@@ -46,10 +46,7 @@ STREAMS = (
 def write_assessment(folder: Path, inputs: dict[str, str]) -> None:
     names = bundled_model().muscle_names
     rows = [",".join(["condition", "cuff", "time_s", *names])]
-    rows += [
-        ",".join(["both", "hand", f"{t:g}", *(f"{a:g}" for a in np.full(len(names), 0.3))])
-        for t in np.linspace(0.0, 7.0, 20)
-    ]
+    rows += [",".join(["both", "hand", f"{t:g}", *["0.3"] * len(names)]) for t in np.linspace(0.0, 7.0, 20)]
     (folder / ACTIVATIONS_FILE).write_text("\n".join(rows) + "\n")
     (folder / ASSESSMENT_FILE).write_text(json.dumps({"inputs": inputs}))
 
@@ -72,25 +69,14 @@ def test_fit_plateaus_body_and_suit_are_in_the_scene(tmp_path: Path) -> None:
             assert name in content
 
 
-class Logged:
-    """The last value of each entity, in place of a recording of Rerun."""
-
-    def __init__(self) -> None:
-        self.values: dict[str, Any] = {}
-
-    def set_time(self, *_: object, **__: object) -> None: ...
-
-    def log(self, entity: str, value: Any, **_: object) -> None:
-        self.values[entity] = value
-
-
 @pytest.mark.parametrize("is_straight", [False, True])
 def test_cuffs_are_at_the_ends_of_any_cord_and_have_the_names_of_the_suit(is_straight: bool) -> None:
     suit = replace(read_suit(), is_straight=is_straight, names={"waist": "heel", "shoulder": "knee", "arm": "shank"})
-    logged, model = Logged(), bundled_model()
+    recording, model = MagicMock(), bundled_model()
     coordinates = model.default_coordinates[None]
-    BodyScene(logged, model, suit).log(np.zeros(1, np.int64), coordinates, np.zeros((1, len(model.muscles))))
-    cord, cuffs = logged.values["body/cord"], logged.values["body/cuffs"]
+    BodyScene(recording, model, suit).log(np.zeros(1, np.int64), coordinates, np.zeros((1, len(model.muscles))))
+    logged = dict(call.args for call in recording.log.call_args_list)
+    cord, cuffs = logged["body/cord"], logged["body/cuffs"]
     line = cord.strips.as_arrow_array().to_pylist()[0]
     assert len(line) == len(suit.parts)
     assert cuffs.positions.as_arrow_array().to_pylist() == [line[0], line[-1]]
