@@ -55,9 +55,7 @@ def test_a_scale_is_applied_before_rounding_and_a_negative_one_swaps_the_ends() 
 
 @pytest.mark.parametrize("write", [bracketed, plus_minus])
 @pytest.mark.parametrize("ci95", [None, (4.8703, 4.8703), (4.8703, math.nextafter(4.8703, 5.0))])
-def test_without_a_width_the_digits_are_as_requested(
-    write: Callable[..., str], ci95: tuple[float, float] | None
-) -> None:
+def test_without_a_width_digits_are_as_requested(write: Callable[..., str], ci95: tuple[float, float] | None) -> None:
     assert write(4.8703, ci95) == "5"
     assert write(4.8703, ci95, 10.0, digits=3) == "48.703"
     assert significant_decimals(ci95) == 0 and significant_decimals(ci95, otherwise=3) == 3

@@ -45,13 +45,10 @@ def test_a_text_beyond_the_limits_is_refused(
         parse(content)
 
 
-def test_a_byte_order_mark_is_no_part_of_the_text() -> None:
+def test_a_byte_order_mark_is_no_part_of_a_text_and_one_at_the_limits_is_read() -> None:
     """As PowerShell 5 and older editors on Windows write it; with CRLF."""
     assert parse_toml(b"\xef\xbb\xbf[daq]\r\na = 1\r\n") == {"daq": {"a": 1}}
     assert parse_json(b'\xef\xbb\xbf{"a":\r\n1}') == {"a": 1}
-
-
-def test_a_text_at_the_limits_is_read() -> None:
     assert parse_json(str(2**64 - 1)) == 2**64 - 1
     assert parse_json("[" * DEEPEST + "]" * DEEPEST) is not None
     assert parse_toml(".".join("a" * (MOST_DOTS // 4)) + " = 1")
@@ -111,13 +108,10 @@ def test_the_first_fault_is_one_sentence_with_key_found_and_expected(change: dic
     assert describe_error(caught.value) == sentence
 
 
-def test_a_missing_key_is_named_below_its_context() -> None:
+def test_a_missing_key_is_named_below_its_context_and_a_long_value_cut() -> None:
     with pytest.raises(ValidationError) as caught:
         Document.model_validate({})
     assert describe_error(caught.value, context="suit") == "suit.rate is missing"
-
-
-def test_a_long_value_is_cut() -> None:
     with pytest.raises(ValidationError) as caught:
         Document.model_validate({"rate": "x" * 10_000})
     assert len(describe_error(caught.value)) < 400

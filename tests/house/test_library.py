@@ -402,9 +402,7 @@ def test_intervals_of_the_sample_session_contain_the_truth(tmp_path: Path, monke
 
 @pytest.mark.parametrize("name", ["documents", "drivers", "fitting", "recordings", "solver", "station"])
 @pytest.mark.parametrize("form", ["{}.py", "{}/__init__.py"])
-def test_a_user_s_file_with_our_name_is_named(
-    name: str, form: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_file_with_our_name_is_named(name: str, form: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     file = tmp_path / form.format(name)
     file.parent.mkdir(exist_ok=True)
     file.write_text("x = 1", encoding="utf-8")

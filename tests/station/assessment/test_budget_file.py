@@ -35,14 +35,11 @@ def written(folder: Path, text: str) -> Path:
     return path
 
 
-def test_the_bundled_file_has_the_defaults_of_the_solver() -> None:
+def test_the_bundled_file_has_the_defaults_of_the_solver_with_their_origin() -> None:
     found, own = read_budget().sources, UncertaintySources()
     assert (found.fit, found.donning, found.body, found.muscles) == (own.fit, own.donning, own.body, own.muscles)
     assert found.motion.posture == pytest.approx(own.motion.posture, abs=1e-4)
     assert found.motion.noise == pytest.approx(own.motion.noise, abs=1e-4)
-
-
-def test_every_spread_of_the_bundled_file_has_its_origin_beside_it() -> None:
     text = BUNDLED_BUDGET.read_text(encoding="utf-8")
     spreads = text[text.index("[body]") :].splitlines()
     assert all("#" in line for line in spreads if "=" in line)

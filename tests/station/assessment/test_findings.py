@@ -176,9 +176,7 @@ UNKNOWN = replace(curve("hand", None), reserve_cost=np.full(2, np.nan))
     ],
     ids=lambda value: value.name if isinstance(value, AssessmentCode) else "",
 )
-def test_a_finding_has_the_figures_of_the_assessment(
-    assessed: Assessment, code: AssessmentCode, figures: dict[str, object]
-) -> None:
+def test_a_finding_has_its_figures(assessed: Assessment, code: AssessmentCode, figures: dict[str, object]) -> None:
     found = findings(assessed)
     assert one(found, code).figures.items() >= figures.items()
     assert not any("nan" in str(finding) for finding in found), "what is unknown is never a number"

@@ -276,9 +276,7 @@ def test_reactions_of_several_joints_are_columns_beside_the_glenoid_s(station, m
     assert "reactions=elbow, rc on parent in child" in text and "joint=GlenoHumeral" in text
 
 
-def test_a_model_without_a_shoulder_is_solved_and_drawn(
-    station, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_model_without_a_shoulder_is_solved(station, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     renamed = tuple(replace(joint, name=f"{joint.name}_r") for joint in MODEL.joints)
     monkeypatch.setattr(sources, "bundled_model", lambda: replace(MODEL, joints=renamed, markers=()))
     words = ("rmr", "--every", 100, "--output", tmp_path / "out.csv", "--joint", "elbow_r")
@@ -577,9 +575,7 @@ def test_residuals_that_carry_the_body_are_reported_with_its_weight(step: Step, 
 
 
 @pytest.mark.parametrize(("has_loads", "residuals"), [(False, {"pelvis_tx", "pelvis_ty"}), (True, set())])
-def test_unweighted_actuators_that_carry_the_body_are_reported(
-    step: Step, has_loads: bool, residuals: set[str]
-) -> None:
+def test_unweighted_actuators_that_carry_the_body_are_named(step: Step, has_loads: bool, residuals: set[str]) -> None:
     """As of a leg without a trunk, whose weights hide that the ground reaction was forgotten."""
     inputs = MuscleInputs(step.motion, str(step.model), step.loads, actuators=(step.actuators,))
     options = replace(OPTIONS, weights=dict.fromkeys(PELVIS, 0.0))

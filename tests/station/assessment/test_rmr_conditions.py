@@ -110,9 +110,7 @@ def test_forces_and_controllers_left_out_on_request_are_named(station: Station, 
 
 
 @pytest.mark.parametrize("version", ["30501", "10905", "50000", "", "x", "-1", "9" * 400])
-def test_a_file_of_no_released_version_is_refused_with_its_remedy(
-    station: Station, tmp_path: Path, version: str
-) -> None:
+def test_a_file_of_no_released_version_is_refused(station: Station, tmp_path: Path, version: str) -> None:
     """One of a development version as OpenSim does it."""
     path = tmp_path / "old.osim"
     path.write_text(f'<OpenSimDocument Version="{version}"><Model name="m"/></OpenSimDocument>', encoding="utf-8")
@@ -132,9 +130,7 @@ def test_the_message_of_an_infeasible_frame_names_the_glenoid_if_it_is_constrain
     assert np.isinf(solved.solution.cone_slack).all() == (not has_glenoid)
 
 
-def test_another_model_without_its_motion_and_an_output_without_a_name_are_refused(
-    station: Station, tmp_path: Path
-) -> None:
+def test_another_model_without_motion_and_an_output_without_name_are_refused(station: Station, tmp_path: Path) -> None:
     ran = station("rmr", "--model", step_in(tmp_path).model, "--output", tmp_path / "a.csv")
     assert_refused(ran, 1, SolverCode.UNKNOWN_NAME, "--motion")
     assert_refused(station("rmr", "--output", "."), 2, InputCode.TABLE_FORMAT, "the output is ., expected")
@@ -211,9 +207,6 @@ def test_a_muscle_is_slack_if_its_tendon_is_longer_than_its_path_in_every_frame(
     assert slack_muscles(MODEL, RAISE, "opensim") == ()
     assert slack_muscles(with_tendon(3, 5.0), RAISE, "opensim") == (MODEL.muscle_names[3],)
     assert slack_muscles(replace(MODEL, muscles=()), RAISE, "opensim") == ()
-
-
-def test_a_muscle_that_is_slack_in_the_first_frame_alone_is_not_named() -> None:
     lengths = evaluate_paths(MODEL, postures(MODEL, RAISE.positions, RAISE.speeds, RAISE.time)).lengths
     muscle = int(np.argmax(lengths.max(axis=0) - lengths[0]))
     model = with_tendon(muscle, 0.5 * (lengths[0, muscle] + lengths[:, muscle].max()))

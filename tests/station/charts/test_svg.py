@@ -62,13 +62,10 @@ def test_numbers_are_where_the_scale_puts_them() -> None:
     assert axis.groups() == (left, top, bottom, right)
 
 
-def test_panels_of_a_column_have_the_same_left_edge() -> None:
+def test_panels_of_a_column_share_their_left_edge_and_legend() -> None:
     wide, narrow = (Panel((Line(values([0, 1]), scale * values([0, 1]), "c1"),)) for scale in (0.001, 1.0))
     drawn = draw(Chart(((wide, narrow),)), "")
     assert len(set(re.findall(r'class="axis" d="M([\d.]+)', drawn))) == 1
-
-
-def test_a_shared_legend_is_drawn_once() -> None:
     panel = Panel((Line(values([0, 1]), values([0, 1]), "c1", "slack"),))
     assert draw(chart(panel, panel, panel, has_one_legend=True), "").count("> slack<") == 1
 

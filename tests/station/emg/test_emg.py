@@ -119,9 +119,7 @@ def test_envelopes_and_change_reach_the_next_stage_and_the_report(station: Stati
     assert "emg.json" in json.loads((tmp_path / "report.json").read_text(encoding="utf-8"))["inputs"]
 
 
-def test_without_an_mvc_levels_are_volts_and_one_repeat_has_no_interval(
-    station: Station, lab: Path, tmp_path: Path
-) -> None:
+def test_without_an_mvc_levels_are_volts_and_one_repeat_is_open(station: Station, lab: Path, tmp_path: Path) -> None:
     """Volts, in the file as in the table; shapes, lags and ratios stay what they are."""
     _, document = run(station, lab, tmp_path, repeats=1, mvc=False)
     assert document.level_unit == "V"
@@ -156,7 +154,7 @@ def test_a_channel_without_mvc_has_a_shape_and_no_level(station: Station, lab: P
 
 @pytest.mark.parametrize("names", [("delt_ant", "serratus"), ("AD", "TS")], ids=["set-up", "default map"])
 @pytest.mark.parametrize("unit", ["g", "deg/s"])
-def test_a_channel_in_another_unit_is_left_out(
+def test_channels_in_other_units_are_left_out(
     station: Station, tmp_path: Path, names: tuple[str, str], unit: str
 ) -> None:
     path = write_emg(tmp_path / "lift.csv", levels(), seed=1, titles=(f"{names[0]} [mV]", f"{names[1]} [{unit}]"))

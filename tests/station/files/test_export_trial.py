@@ -99,9 +99,7 @@ def assert_same_trial(found: Trial, expected: Trial, newtons: float, metres: flo
         pytest.param("csv", "trc", marks=pytest.mark.slow),
     ],
 )
-def test_exports_are_imported_as_the_same_trial(
-    static: Path, trial: Trial, tmp_path: Path, force: str, markers: str
-) -> None:
+def test_exports_give_the_same_trial(static: Path, trial: Trial, tmp_path: Path, force: str, markers: str) -> None:
     out = export(static, force, tmp_path / "out") | export(static, markers, tmp_path / "out")
     mocap = out["_markers.tsv"] if markers == "tsv" else out[f".{markers}"]
     found = read_trial(again(out[f"_force.{force}"], mocap, tmp_path / "s"))
@@ -504,9 +502,7 @@ def wearer_trial(wearer: WearerSession) -> WearerTrial:
     return read_wearer_trial(wearer.path(TIGHT))
 
 
-def test_csv_has_emg_in_volts_at_the_electrodes(
-    wearer: WearerSession, wearer_trial: WearerTrial, tmp_path: Path
-) -> None:
+def test_csv_has_emg_in_volts_of_electrodes(wearer: WearerSession, wearer_trial: WearerTrial, tmp_path: Path) -> None:
     files = export(wearer.path(TIGHT), "csv", tmp_path)
     header, *_ = files["_emg.csv"].read_text(encoding="utf-8").splitlines()
     table = np.loadtxt(files["_emg.csv"], delimiter=",", skiprows=1)

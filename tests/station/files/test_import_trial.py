@@ -37,22 +37,26 @@ from tests.refusals import raises_refusal
 from tests.station.command import assert_one_sentence, assert_refused
 from tests.station.foreign import Truth, config, import_by_verb, static_and_dynamic
 
+Files = tuple[Path, Path]
+"""Force and markers."""
+Pair = tuple[Truth, Truth]
+"""Of a static and a dynamic test."""
 STATIC, DYNAMIC = TrialSpec("hand", "static", 1), TrialSpec("hand", "dynamic", 1)
 
 
 @pytest.fixture(scope="module")
-def pair() -> tuple[Truth, Truth]:
+def pair() -> Pair:
     return static_and_dynamic()
 
 
 @pytest.fixture(scope="module")
-def truth(pair: tuple[Truth, Truth]) -> Truth:
+def truth(pair: Pair) -> Truth:
     """The static test."""
     return pair[0]
 
 
 @pytest.fixture(scope="module")
-def wire(pair: tuple[Truth, Truth], tmp_path_factory: pytest.TempPathFactory) -> CuffFit:
+def wire(pair: Pair, tmp_path_factory: pytest.TempPathFactory) -> CuffFit:
     """The fit of what the station itself recorded."""
     session = tmp_path_factory.mktemp("wire")
     for truth in pair:
@@ -61,13 +65,13 @@ def wire(pair: tuple[Truth, Truth], tmp_path_factory: pytest.TempPathFactory) ->
 
 
 @pytest.fixture(scope="module")
-def written(truth: Truth, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+def written(truth: Truth, tmp_path_factory: pytest.TempPathFactory) -> Files:
     folder = tmp_path_factory.mktemp("written")
     return truth.write_csv(folder / "daq.csv"), truth.write_markers(folder / "trial.tsv")
 
 
 @pytest.fixture
-def static(written: tuple[Path, Path], tmp_path: Path) -> tuple[Path, Path]:
+def static(written: Files, tmp_path: Path) -> Files:
     """Files of a static test with a sync line, to be spoilt."""
     return Path(shutil.copy(written[0], tmp_path)), Path(shutil.copy(written[1], tmp_path))
 
@@ -80,9 +84,7 @@ def fitted(session: Path) -> CuffFit:
     return fit_session_folder(session, None).cuffs["hand"]
 
 
-def test_tsv_and_csv_with_a_sync_line_give_the_live_fit(
-    pair: tuple[Truth, Truth], wire: CuffFit, tmp_path: Path
-) -> None:
+def test_tsv_and_csv_with_a_sync_line_give_the_live_fit(pair: Pair, wire: CuffFit, tmp_path: Path) -> None:
     for truth, spec in zip(pair, (STATIC, DYNAMIC), strict=True):
         force, mocap = truth.write_csv(tmp_path / "daq.csv"), truth.write_markers(tmp_path / "trial.tsv")
         run(tmp_path / "s", force, mocap, spec)
@@ -92,9 +94,7 @@ def test_tsv_and_csv_with_a_sync_line_give_the_live_fit(
 
 
 @pytest.mark.parametrize("suffix", ["tsv", "trc", "c3d"])
-def test_common_times_give_the_fit_within_half_a_sample(
-    pair: tuple[Truth, Truth], wire: CuffFit, tmp_path: Path, suffix: str
-) -> None:
+def test_common_times_give_the_fit_within_half_a_sample(pair: Pair, wire: CuffFit, tmp_path: Path, suffix: str) -> None:
     for truth, spec in zip(pair, (STATIC, DYNAMIC), strict=True):
         mocap = truth.write_markers(tmp_path / f"trial.{suffix}")
         if suffix == "c3d":
@@ -109,7 +109,7 @@ def test_common_times_give_the_fit_within_half_a_sample(
     assert abs(found.damping.value - wire.damping.value) < 8520 * 0.6e-3, "half a sample of lag, and a little"
 
 
-def test_newtons_and_pounds_give_the_fit_of_volts(truth: Truth, static: tuple[Path, Path], tmp_path: Path) -> None:
+def test_newtons_and_pounds_give_the_fit_of_volts(truth: Truth, static: Files, tmp_path: Path) -> None:
     of_volts, volts = read_trial(run(tmp_path / "v", *static).path), truth.tracks["/force"].values
     for unit, stored, column, per_volt in (("N", "N", "pull", 98.0665), ("lbs", "lbf", "force_lbs", 22.0462)):
         force = truth.write_csv(tmp_path / "other.csv", newtons_per_unit=per_volt, column=column)
@@ -120,7 +120,7 @@ def test_newtons_and_pounds_give_the_fit_of_volts(truth: Truth, static: tuple[Pa
         np.testing.assert_allclose(read_trial(recording.path).force, of_volts.force, rtol=1e-5)
 
 
-def test_the_recording_is_complete_and_names_its_sources(static: tuple[Path, Path], tmp_path: Path) -> None:
+def test_the_recording_is_complete_and_names_its_sources(static: Files, tmp_path: Path) -> None:
     captured = datetime(2025, 3, 4, 12, 0, 0, tzinfo=timezone(timedelta(hours=2)))
     force, mocap = ForceSource(static[0]), MarkerSource(static[1])
     contents = read_contents(import_trial(tmp_path / "s", STATIC, config(), force, mocap, captured).path)
@@ -146,7 +146,7 @@ def test_without_a_sync_line_the_declared_lag_reaches_the_fit(truth: Truth, tmp_
     assert shift == pytest.approx(0.0, abs=0.3)
 
 
-def test_half_a_sample_at_20_hz_is_in_the_uncertainty_of_the_damping(pair: tuple[Truth, Truth], tmp_path: Path) -> None:
+def test_half_a_sample_at_20_hz_is_in_the_uncertainty_of_the_damping(pair: Pair, tmp_path: Path) -> None:
     whole = pair[1].write_csv(tmp_path / "whole.csv", has_sync=False).read_text().splitlines()
     force, mocap = tmp_path / "daq.csv", pair[1].write_markers(tmp_path / "trial.tsv")
     force.write_text("\n".join([whole[0], *whole[1::50]]))
@@ -169,7 +169,7 @@ def test_a_recording_without_a_sync_line_is_not_replayed(station, truth: Truth, 
     assert_refused(station("replay", path), 1, ExportCode.NO_SYNC_EDGE)
 
 
-def test_trials_imported_in_any_order_are_in_that_of_the_plan(static: tuple[Path, Path], tmp_path: Path) -> None:
+def test_trials_imported_in_any_order_are_in_that_of_the_plan(static: Files, tmp_path: Path) -> None:
     plan = [TrialSpec("hand", test, repeat) for repeat in (1, 2) for test in ("static", "dynamic")]  # type: ignore[arg-type]
     for i in (3, 0, 2, 1):
         run(tmp_path / "s", *static, plan[i])
@@ -196,7 +196,7 @@ def test_times_of_any_origin_are_only_differences(truth: Truth, tmp_path: Path) 
     np.testing.assert_allclose(trials[1].marker_time, trials[0].marker_time, rtol=0, atol=1e-6)
 
 
-def test_lost_rows_are_losses_of_the_recording(static: tuple[Path, Path], tmp_path: Path) -> None:
+def test_lost_rows_are_losses_of_the_recording(static: Files, tmp_path: Path) -> None:
     for path, first, header in zip(static, (5000, 300), (1, 12), strict=True):
         lines = path.read_text(encoding="utf-8").splitlines()
         del lines[header + first : header + first + 50]
@@ -210,7 +210,7 @@ def test_lost_rows_are_losses_of_the_recording(static: tuple[Path, Path], tmp_pa
     assert not read_trial(done.path).is_whole
 
 
-def test_no_file_is_overwritten_and_a_refused_import_leaves_none(static: tuple[Path, Path], tmp_path: Path) -> None:
+def test_no_file_is_overwritten_and_a_refused_import_leaves_none(static: Files, tmp_path: Path) -> None:
     session = tmp_path / "s"
     first = run(session, *static).path
     content = first.read_bytes()
@@ -248,7 +248,7 @@ def test_a_marker_with_two_entries_is_chosen_by_label(station, truth, static, tm
     assert "cuff_1" in ran.err
 
 
-def test_markers_are_renamed_by_label(station, static: tuple[Path, Path], tmp_path: Path) -> None:
+def test_markers_are_renamed_by_label(station, static: Files, tmp_path: Path) -> None:
     edit(static[1], "cuff_1", "LHand2")
     assert_refused(import_by_verb(station, static, tmp_path / "s"), 1, ImportCode.MARKERS_MISSING)
     ran = import_by_verb(station, static, tmp_path / "s", "--label", "LHand2=cuff_1")
@@ -273,7 +273,7 @@ def test_markers_are_renamed_by_label(station, static: tuple[Path, Path], tmp_pa
     ],
 )
 def test_a_bad_line_is_refused_with_its_place_and_writes_nothing(
-    station, static: tuple[Path, Path], tmp_path: Path, which: int, old: str, new: str, figures: tuple[str, ...]
+    station, static: Files, tmp_path: Path, which: int, old: str, new: str, figures: tuple[str, ...]
 ) -> None:
     edit(static[which], old, new)
     assert_one_sentence(import_by_verb(station, static, tmp_path / "s"), 1, static[which].name, *figures)
@@ -283,9 +283,7 @@ def test_a_bad_line_is_refused_with_its_place_and_writes_nothing(
 @pytest.mark.parametrize(
     ("column", "code"), [("kraft", ImportCode.NO_FORCE_COLUMN), ("force_n", ImportCode.SEVERAL_FORCE_COLUMNS)]
 )
-def test_a_missing_or_ambiguous_force_column_is_refused(
-    static: tuple[Path, Path], column: str, code: ImportCode
-) -> None:
+def test_a_missing_or_ambiguous_force_column_is_refused(static: Files, column: str, code: ImportCode) -> None:
     titles, *rows = static[0].read_text().splitlines()
     if code is ImportCode.SEVERAL_FORCE_COLUMNS:
         static[0].write_text("\n".join([f"{titles},{column}", *(f"{row},1" for row in rows)]))
@@ -295,7 +293,7 @@ def test_a_missing_or_ambiguous_force_column_is_refused(
         read_force(ForceSource(static[0]))
 
 
-def test_the_force_is_the_column_of_its_title_despite_commas(static: tuple[Path, Path], tmp_path: Path) -> None:
+def test_the_force_is_the_column_of_its_title_despite_commas(static: Files, tmp_path: Path) -> None:
     titles, *rows = static[0].read_text().splitlines()
     others = '"Torque, request",' + titles + ',"a ""b"", c"'
     static[0].write_text("\n".join([others, *(f'"1,5 N, ?",{row},23.1' for row in rows)]))
@@ -355,7 +353,7 @@ def test_a_stale_frame_rate_is_no_loss(truth: Truth, tmp_path: Path, suffix: str
     ],
 )
 def test_another_force_is_refused_and_leaves_no_file(
-    static: tuple[Path, Path], tmp_path: Path, rows: list[str], code: ImportCode
+    static: Files, tmp_path: Path, rows: list[str], code: ImportCode
 ) -> None:
     static[0].write_text("\n".join(["time_s,force_v,sync_v", *rows]))
     with raises_refusal(code, kind=ImportRefused):
@@ -373,7 +371,7 @@ def test_a_position_that_no_laboratory_has_is_refused(truth: Truth, tmp_path: Pa
         run(tmp_path / "s", truth.write_csv(tmp_path / "daq.csv"), mocap)
 
 
-def test_files_with_too_little_time_in_common_are_refused(static: tuple[Path, Path], tmp_path: Path) -> None:
+def test_files_with_too_little_time_in_common_are_refused(static: Files, tmp_path: Path) -> None:
     def rows(first: float, seconds: float) -> str:
         times = first + np.arange(round(1000 * seconds)) / 1000
         return "\n".join(["time_s,force_v", *(f"{time:.3f},{1 + i % 4}" for i, time in enumerate(times))])
@@ -393,9 +391,7 @@ def test_files_with_too_little_time_in_common_are_refused(static: tuple[Path, Pa
     ("of", "factor", "has_sync"),
     [("the force", 1 / 60, True), ("the force", 1 / 60, False), ("the markers", 60, False)],
 )
-def test_times_in_minutes_are_refused(
-    static: tuple[Path, Path], tmp_path: Path, of: str, factor: float, has_sync: bool
-) -> None:
+def test_times_in_minutes_are_refused(static: Files, tmp_path: Path, of: str, factor: float, has_sync: bool) -> None:
     """Without a sync line, the force may be that of seconds, and the markers' times the ones in minutes."""
     rows = [f"{factor * i / 500!r},{1 + i % 4}" + f",{5 * (i > 200)}" * has_sync for i in range(14750)]
     static[0].write_text("\n".join(["time_s,force_v" + ",sync_v" * has_sync, *rows]))
@@ -416,9 +412,7 @@ def test_impossibly_fast_frames_are_refused(truth: Truth, tmp_path: Path, rate_h
 
 
 @pytest.mark.parametrize("has_sync", [True, False])
-def test_the_time_in_common_is_that_after_the_lag(
-    truth: Truth, static: tuple[Path, Path], tmp_path: Path, has_sync: bool
-) -> None:
+def test_the_time_in_common_is_that_after_the_lag(truth: Truth, static: Files, tmp_path: Path, has_sync: bool) -> None:
     truth.write_csv(static[0], has_sync=has_sync)
     files = ForceSource(static[0]), MarkerSource(static[1])
     begin, end = -truth.edge_s, len(truth.tracks["/force"].values) / 1000 - truth.edge_s
@@ -432,7 +426,7 @@ def test_the_time_in_common_is_that_after_the_lag(
     assert note.figures["common_s"] == pytest.approx(end - 2, abs=3e-3)
 
 
-def test_positions_in_metres_are_refused(station, truth: Truth, static: tuple[Path, Path], tmp_path: Path) -> None:
+def test_positions_in_metres_are_refused(station, truth: Truth, static: Files, tmp_path: Path) -> None:
     metres = replace(truth.markers, positions=truth.markers.positions / 1000)
     static[1].write_text(write_qtm_tsv(metres))
     assert_refused(import_by_verb(station, static, tmp_path / "s"), 1, ImportCode.MARKER_DISTANCE)
@@ -443,7 +437,7 @@ def test_positions_in_metres_are_refused(station, truth: Truth, static: tuple[Pa
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-6)
 
 
-def test_an_imported_bounce_calibrates_the_lag_of_trials(station, static: tuple[Path, Path], tmp_path: Path) -> None:
+def test_an_imported_bounce_calibrates_the_lag_of_trials(station, static: Files, tmp_path: Path) -> None:
     bounce = Truth(*recorded(Bounce(lag=-0.012, duration=20.0), seed=1))
     toml = tmp_path / "bounce.toml"
     toml.write_text('[bounce]\nmass_kg = 2.5\nmarker = "weight"\n')
@@ -460,7 +454,7 @@ def test_an_imported_bounce_calibrates_the_lag_of_trials(station, static: tuple[
     assert_refused(station(*command, "--force", force, "--mocap", static[1]), 1, ImportCode.MARKERS_MISSING)
 
 
-def test_wrong_usage_is_code_2(station, static: tuple[Path, Path], tmp_path: Path) -> None:
+def test_wrong_usage_is_code_2(station, static: Files, tmp_path: Path) -> None:
     other = static[1].rename(static[1].with_suffix(".xlsx"))
     session = tmp_path / "s"
     assert_refused(import_by_verb(station, (static[0], other), session), 2, ImportCode.MARKER_FORMAT)
@@ -484,9 +478,7 @@ def test_wrong_usage_is_code_2(station, static: tuple[Path, Path], tmp_path: Pat
         *((start, True) for start in ("1970-01-01", "2261-12-31T23:59:59")),
     ],
 )
-def test_a_start_out_of_range_is_refused(
-    station, static: tuple[Path, Path], tmp_path: Path, start: str, is_possible: bool
-) -> None:
+def test_a_start_out_of_range_is_refused(station, static: Files, tmp_path: Path, start: str, is_possible: bool) -> None:
     ran = import_by_verb(station, static, tmp_path / "s", "--start", start)
     if not is_possible:
         assert_refused(ran, 2, ImportCode.START_OUT_OF_RANGE)
@@ -499,7 +491,7 @@ def test_a_start_out_of_range_is_refused(
     assert not contents.shortfalls
 
 
-def test_the_option_that_an_import_lacks_is_named(station, static: tuple[Path, Path]) -> None:
+def test_the_option_that_an_import_lacks_is_named(station, static: Files) -> None:
     given = {"--session": "s", "--cuff": "hand", "--test": "static", "--force": static[0]}
     for option in given:
         words = [word for name, value in given.items() if name != option for word in (name, value)]

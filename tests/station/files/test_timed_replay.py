@@ -17,9 +17,7 @@ AGAIN_SPEED = 500.0
 
 
 @pytest.mark.parametrize("duration_s", [None, 3.0], ids=["whole", "stopped by the operator"])
-def test_a_replay_is_the_same_trial_with_the_same_samples_at_the_same_times(
-    tmp_path: Path, duration_s: float | None
-) -> None:
+def test_a_replay_has_the_same_trial_samples_and_times(tmp_path: Path, duration_s: float | None) -> None:
     recorded = Rig().recorder().record(tmp_path / "live", SPEC, duration_s=duration_s).path
     assert recorded is not None
     result = replay(recorded, tmp_path / "again", AGAIN_SPEED)

@@ -137,7 +137,7 @@ def test_the_command_line_overrides_the_time_range_of_the_set_up_with_a_finding(
 
 @pytest.mark.parametrize(("range_s", "is_reported"), [("0.1 0.295", False), ("0 5", True), ("-3 0.1", True)])
 @pytest.mark.parametrize("by_setup", [True, False])
-def test_a_file_that_is_too_short_is_reported(
+def test_a_short_file_is_reported(
     range_s: str, is_reported: bool, by_setup: bool, tmp_path: Path, station: Station
 ) -> None:
     trial(tmp_path)

@@ -136,27 +136,18 @@ def run(best_of_cycle: list[float], *, with_gap: bool = False) -> CycleEffort:
     return effort
 
 
-def test_the_best_rest_length_is_the_lowest_point_of_the_curve_over_all_cycles() -> None:
+def test_effort_and_best_rest_length_are_those_of_the_cycles() -> None:
     best = run([0.70, 0.71, 0.72]).best(LENGTHS)
     assert best is not None and best.cycles == 3 and best.edge == 0
     assert best.rest_length_m == pytest.approx(0.71, abs=1e-6)
     assert best.sd_m == pytest.approx(np.std([0.70, 0.71, 0.72], ddof=1), abs=1e-6)
     assert best.effort == pytest.approx(0.8 + 40 * np.mean([0.01**2, 0.0, 0.01**2]), abs=1e-6)
-
-
-def test_a_best_length_beyond_those_tried_is_a_bound() -> None:
     for length, bound in ((0.80, (1, 0.75)), (0.60, (-1, 0.66))):
         best = run([length, length]).best(LENGTHS)
         assert best is not None and (best.edge, best.rest_length_m) == bound
-
-
-def test_recent_effort_is_that_of_the_last_three_cycles() -> None:
     recent = run([0.80, 0.72, 0.72, 0.72]).recent()
     assert recent is not None and recent.cycles == 3
     assert recent.effort["worn"] == pytest.approx(0.8) and recent.effort["slack"] == pytest.approx(1.0)
-
-
-def test_a_cycle_with_most_frames_unsolved_does_not_count() -> None:
     effort = run([0.70, 0.70], with_gap=True)
     assert effort.cycles == [] and effort.recent() is None and effort.best(LENGTHS) is None
     assert run([0.70]).best({"worn": 0.72, "0.75 m": 0.75}) is None, "nor have two lengths a best one"

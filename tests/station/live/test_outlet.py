@@ -37,11 +37,8 @@ FED_FRAMES, FRAMES = 150, 80
 SHORTER_AT = 40
 
 
-def test_the_outlet_is_off_by_default() -> None:
+def test_the_outlet_is_off_and_refused_where_it_cannot_be_confined(monkeypatch: pytest.MonkeyPatch) -> None:
     assert LiveSection().outlet == "" and not LiveSection().enabled
-
-
-def test_an_outlet_that_cannot_be_confined_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(outlet_module.sys, "platform", "win32")
     with raises_refusal(LiveCode.OUTLET_NOT_CONFINED, kind=OutletRefused):
         LslOutlet("live", "loopback").begin(SETUP)
@@ -117,7 +114,9 @@ def session(wearer: WearerSession, tmp_path_factory: pytest.TempPathFactory) -> 
     return recording, kept
 
 
-def test_the_table_holds_what_was_published_to_the_bit(session: tuple[Path, Collected]) -> None:
+def test_table_and_description_are_those_of_the_values(
+    session: tuple[Path, Collected], tmp_path: Path, station: Station
+) -> None:
     recording, kept = session
     with live_path(recording).open(encoding="utf-8", newline="") as file:
         rows = list(csv.DictReader(file))
@@ -128,9 +127,6 @@ def test_the_table_holds_what_was_published_to_the_bit(session: tuple[Path, Coll
     assert [(int(row["frame"]), row["outcome"], row["rigid/outcome"]) for row in rows] == [
         (values.frame, values.outcome, values.scenarios[1].outcome) for values in kept.values
     ]
-
-
-def test_the_description_has_the_hash_of_the_recording_and_the_units(session: tuple[Path, Collected]) -> None:
     recording, kept = session
     plain = json.loads(live_path(recording).with_suffix(".json").read_text(encoding="utf-8"))
     assert plain["recording_sha256"] == hashlib.sha256(recording.read_bytes()).hexdigest()
@@ -139,15 +135,12 @@ def test_the_description_has_the_hash_of_the_recording_and_the_units(session: tu
     assert plain["events"] == [{"kind": "rest_length", "text": "rigid: 0.7000 m"}]
     assert plain["versions"].keys() >= {"cuffstation", "numpy", "solver"}
     assert plain["origin"] == "simulated" and not plain["is_scaled"]
-
-
-def test_the_table_is_no_recording(session: tuple[Path, Collected], tmp_path: Path, station: Station) -> None:
     recording, _ = session
     assert station("info", live_path(recording)).code == 1
     assert station("export", live_path(recording), "--to", "csv", "--output", tmp_path).code == 1
 
 
-def test_a_killed_live_process_leaves_its_rows_without_a_description(
+def test_a_killed_process_leaves_rows_and_a_cancelled_trial_none(
     session: tuple[Path, Collected], tmp_path: Path
 ) -> None:
     recording, kept = session
@@ -161,9 +154,6 @@ def test_a_killed_live_process_leaves_its_rows_without_a_description(
     assert [(row["frame"], row["dropped_frames"]) for _, row in rows.iterrows()] == [(kept.values[0].frame, 7)]
     file.close("the recorder has ended", has_ended=False)
     assert list(tmp_path.iterdir()) == [path]
-
-
-def test_a_trial_that_was_not_recorded_leaves_no_file(session: tuple[Path, Collected], tmp_path: Path) -> None:
     kept = session[1]
     assert kept.setup is not None
     file = ResultFile(LiveSection())

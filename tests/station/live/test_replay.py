@@ -59,7 +59,7 @@ def test_live_and_replay_give_equal_values(wearer: WearerSession, plan: Prepared
     assert bits(live) == bits(replayed)
 
 
-def test_another_rest_length_acts_from_the_next_frame(
+def test_a_rest_length_acts_from_the_next_frame(
     wearer: WearerSession, plan: PreparedTrial, replayed: Collected
 ) -> None:
     """A cord of stiffness k that is 10 mm shorter pulls k × 10 mm more (solver/suit/suit.toml: 1000 N/m)."""

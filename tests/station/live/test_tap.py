@@ -78,7 +78,9 @@ def test_what_a_frozen_live_process_does_not_read_is_dropped_and_counted(monkeyp
     assert tap.exit_code not in (None, 0)  # it was killed at the end
 
 
-def test_requests_are_kept_where_frames_are_dropped(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_requests_are_kept_where_frames_are_dropped_and_a_preview_is_no_capture(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     tap = LiveTap(REQUEST, cannot_start)
     markers = Stream("/markers", "mm", tuple(f"M{k}" for k in range(400)), 100.0, "test")
     recording = Snapshot(TrialState.RECORDING, streams=(markers,), recording=Path("a.mcap"))
@@ -88,10 +90,7 @@ def test_requests_are_kept_where_frames_are_dropped(monkeypatch: pytest.MonkeyPa
     kinds = [type(content).__name__ for content, _ in tap._waiting]
     assert kinds[:3] == ["dict", "Stream", "dict"] and len(kinds) == BACKLOG
     assert tap.dropped == BACKLOG + 3
-
-
-def test_frames_after_the_end_of_the_capture_are_of_a_preview() -> None:
-    """The recorder does not store them (Closing), so a replay would not have them."""
+    # The recorder does not store them (Closing), so a replay would not have them.
     tap = LiveTap(REQUEST, cannot_start)
     tap.offer(frame(1))
     tap.show(Snapshot(TrialState.CLOSING, (Message(TrialCode.CAPTURE_ENDED),)))

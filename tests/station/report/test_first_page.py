@@ -122,9 +122,7 @@ def test_a_number_has_the_place_of_its_key_in_the_file() -> None:
         (("hand", "tube"), FIT_ONLY, f"Not decided between hand and tube; hand has the least effort so far: {SAVED}."),
     ],
 )
-def test_the_answer_names_cuff_saving_and_length(
-    cuffs: tuple[str, ...], decision: dict[str, Any], beginning: str
-) -> None:
+def test_the_answer_names_cuff_and_saving(cuffs: tuple[str, ...], decision: dict[str, Any], beginning: str) -> None:
     plain = _assessment(decision=_decision(decision), **_of_cuffs(*cuffs))
     page = first_page(plain, {})
     assert "".join(map(str, page.answer)).replace(UNBROKEN, " ") == beginning
@@ -132,15 +130,12 @@ def test_the_answer_names_cuff_saving_and_length(
     assert page.decision == (() if decision is FIT_ONLY else (decision["text"],))
 
 
-def test_best_rest_lengths_that_differ_are_stated_for_each_cuff() -> None:
+def test_best_rest_lengths_that_differ_or_are_unknown_are_stated() -> None:
     of_cuffs = _of_cuffs("hand", "tube")
     of_cuffs["optimum"]["tube"]["both"]["rest_length_m"] = _number(0.7)
     page = first_page(_assessment(decision=_decision(EQUIVALENT), **of_cuffs), {})
     text = "".join(map(str, page.answer)).replace(UNBROKEN, " ")
     assert text.endswith("at a rest length of 0.650 m with hand, 0.700 m with tube.")
-
-
-def test_without_a_best_rest_length_the_answer_says_so() -> None:
     page = first_page(_assessment(optimum={"rigid": _optimum(None), "hand": {"both": _optimum(None)}}), {})
     assert "not known" in "".join(map(str, page.answer))
 
@@ -178,9 +173,7 @@ def test_the_page_says_whose_body_and_motion_it_is(more: dict[str, Any], words: 
         (_number(None), 3, "–"),
     ],
 )
-def test_a_narrow_interval_gives_at_most_the_decimals_of_its_table(
-    number: dict[str, Any], digits: int, text: str
-) -> None:
+def test_a_narrow_interval_has_the_decimals_of_its_table(number: dict[str, Any], digits: int, text: str) -> None:
     entry = located(NumberEntry.model_validate(number), Source.of("assessment.json"))
     assert str(figure(entry, digits=digits)) == text
 

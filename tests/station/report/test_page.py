@@ -116,16 +116,13 @@ def test_a_note_that_all_cuffs_have_is_shown_once(tmp_path: Path) -> None:
     assert waist.notes and [text.count(escape(str(note))) for note in hand.notes] == [1] * len(hand.notes)
 
 
-def test_the_drawn_line_goes_through_the_held_loads_within_their_errors() -> None:
+def test_the_drawn_lines_are_those_of_held_loads_and_tangents() -> None:
     fitted = _fitted()
     held, *_ = _panels(fit_figure(fitted.cuffs["waist"], [fitted.pulls["static-2"]], []))
     (points,) = (mark for mark in held.marks if isinstance(mark, Points))
     (line,) = (mark for mark in held.marks if isinstance(mark, Line))
     force = np.interp(points.x, line.x, line.y)
     assert len(points.x) > 5 and np.abs(force - points.y).max() < 0.2
-
-
-def test_the_tangent_stiffness_is_drawn_as_cuffs_json_has_it() -> None:
     fitted = _fitted()
     fit, static = fitted.cuffs["waist"], [fitted.pulls["static-1"], fitted.pulls["static-2"]]
     _, beside = _panels(fit_figure(fit, static, []))
@@ -166,7 +163,7 @@ def test_bands_and_repeats_are_drawn_beside_the_fit_and_the_true_values() -> Non
     assert 2140.0 in {mark.at for mark in stiffness.marks if isinstance(mark, Rule)}
 
 
-def test_a_muscle_that_works_more_is_drawn_like_one_that_works_less_and_one_at_rest_is_left_out() -> None:
+def test_muscles_that_work_more_or_less_are_drawn_alike_and_those_at_rest_left_out() -> None:
     table = pd.DataFrame(
         {
             "time_s": 0.0,
@@ -183,6 +180,10 @@ def test_a_muscle_that_works_more_is_drawn_like_one_that_works_less_and_one_at_r
     assert levels.y_names == differences.y_names == ("TeresMajor", "SerratusAnterior_S")
     (points,) = (mark for mark in differences.marks if isinstance(mark, Points))
     np.testing.assert_allclose(points.x, [-0.03, 0.03])
+    table = pd.DataFrame(
+        {"time_s": [0.0, 1.0], "condition": "slack", "cuff": "", "DeltoideusScapula_P": 0.0, "TrapeziusScapula_S": 0.5}
+    )
+    assert [panel.title for panel in _panels(activation_figure(table, "hand"))] == ["TrapeziusScapula_S"]
 
 
 def test_equal_activations_and_equal_held_loads_do_not_hide_each_other() -> None:
@@ -196,13 +197,6 @@ def test_equal_activations_and_equal_held_loads_do_not_hide_each_other() -> None
     first, last = (mark for mark in held.marks if isinstance(mark, Points))
     assert (first.is_hollow, last.is_hollow) == (True, False)
     assert (first.radius or 0) > (last.radius or 0)
-
-
-def test_activations_of_muscles_at_rest_are_left_out() -> None:
-    table = pd.DataFrame(
-        {"time_s": [0.0, 1.0], "condition": "slack", "cuff": "", "DeltoideusScapula_P": 0.0, "TrapeziusScapula_S": 0.5}
-    )
-    assert [panel.title for panel in _panels(activation_figure(table, "hand"))] == ["TrapeziusScapula_S"]
 
 
 def test_notes_and_names_of_marks_are_shown_with_their_trial_as_they_were_typed(tmp_path: Path) -> None:

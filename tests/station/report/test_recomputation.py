@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
@@ -35,13 +35,20 @@ def session(reported: Path, tmp_path: Path) -> Path:
     return Path(shutil.copytree(reported, tmp_path / "session"))
 
 
-def scale_everywhere(value: Any, factor: float) -> Any:
+def scaled(value: Any, factor: float) -> Any:
     """A result whose numbers were all changed together, so that no hash and no comparison within it shows it."""
     if isinstance(value, dict):
-        return {key: scale_everywhere(entry, factor) for key, entry in value.items()}
+        return {key: scaled(entry, factor) for key, entry in value.items()}
     if isinstance(value, list):
-        return [scale_everywhere(entry, factor) for entry in value]
+        return [scaled(entry, factor) for entry in value]
     return factor * value if isinstance(value, float) else value
+
+
+def edit(path: Path, change: Callable[[Any], object]) -> Path:
+    plain = json.loads(path.read_text(encoding="utf-8"))
+    change(plain)
+    path.write_text(json.dumps(plain), encoding="utf-8")
+    return path
 
 
 def by_what(links: Iterable[Link]) -> dict[str, Link]:
@@ -63,11 +70,7 @@ def test_verify_computes_the_same_numbers_again_on_request(reported: Path, stati
 
 
 def test_a_result_whose_every_hash_was_written_again_does_not_follow_from_the_samples(session: Path) -> None:
-    path = session / "cuffs.json"
-    plain = json.loads(path.read_text(encoding="utf-8"))
-    plain["cuffs"] = scale_everywhere(plain["cuffs"], 1.01)
-    path.write_text(json.dumps(plain), encoding="utf-8")
-    write_checksums(path)
+    write_checksums(edit(session / "cuffs.json", lambda plain: plain.update(cuffs=scaled(plain["cuffs"], 1.01))))
     link = by_what(recomputed_links(session))["cuffs.json ← fit of the recordings"]
     assert (link.standing, link.code) == (Standing.CHANGED, NumberCode.RECOMPUTED)
     assert link.detail.startswith("/cuffs/hand/stiffness_n_per_m/value ")
@@ -76,10 +79,7 @@ def test_a_result_whose_every_hash_was_written_again_does_not_follow_from_the_sa
 def test_another_recording_is_no_source_and_an_older_sentence_breaks_nothing(session: Path) -> None:
     (session / STATIC).unlink()
     static_and_dynamic(4)[0].record(session / STATIC)
-    path = session / "assessment.json"
-    plain = json.loads(path.read_text(encoding="utf-8"))
-    plain["findings"][0] = "An older station said so."
-    path.write_text(json.dumps(plain), encoding="utf-8")
+    edit(session / "assessment.json", lambda plain: plain["findings"].__setitem__(0, "An older station said so."))
     links = by_what(recomputed_links(session))
     link = links["report.json ← fit of the recordings"]
     assert link.code == NumberCode.RECOMPUTED and STIFFNESS in link.detail
@@ -106,10 +106,7 @@ def test_an_assessment_is_computed_again_with_its_own_filter(session: Path, cuto
 
 @pytest.mark.parametrize(("read", "file"), [("effort", "effort.toml"), ("motion", "raise.mot")])
 def test_an_assessment_with_a_file_from_elsewhere_is_not_computed_again(session: Path, read: str, file: str) -> None:
-    path = session / "assessment.json"
-    plain = json.loads(path.read_text(encoding="utf-8"))
-    plain["inputs"][read] = f"{file} {64 * 'a'}"
-    path.write_text(json.dumps(plain), encoding="utf-8")
+    edit(session / "assessment.json", lambda plain: plain["inputs"].update({read: f"{file} {64 * 'a'}"}))
     assert by_what(recomputed_links(session))["assessment.json ← the model"].standing == Standing.UNRECORDED
 
 

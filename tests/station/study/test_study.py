@@ -47,20 +47,21 @@ def document(folder: Path) -> StudyDocument:
     return make_study(read_sessions([folder]))
 
 
-def test_the_spreads_that_the_sessions_were_drawn_with_are_in_the_intervals(document: StudyDocument) -> None:
+def test_components_and_differences_are_those_that_the_sessions_were_drawn_with(document: StudyDocument) -> None:
     components = document.cuffs["tube"]["stiffness"].components
     for name in ("volunteer", "donning", "repeat"):
         low, high = components[name].sd.ci95 or (None, None)
         assert low is not None and high is not None
         assert low <= getattr(STIFFNESS, name) <= high
     assert document.cuffs["tube"]["stiffness"].noise_sd == pytest.approx(STIFFNESS.noise)
-
-
-def test_a_migration_is_one_value_of_a_donning_so_that_repeats_are_in_the_donning(document: StudyDocument) -> None:
     migration = document.cuffs["tube"]["migration"]
     assert migration.repeats == 1
     assert migration.components["repeat"].outcome is ComponentOutcome.CONFOUNDED
     assert migration.components["repeat"].confounded_with == ("donning",)
+    (found,) = [one for one in document.comparisons if one.quantity == "stiffness"]
+    assert (found.first, found.second, found.volunteers) == ("hand", "tube", 8)
+    expected = STIFFNESS.mean * (CUFF_FACTORS["tube"] - CUFF_FACTORS["hand"])
+    assert found.difference.ci95[0] <= expected <= found.difference.ci95[1]
 
 
 def test_a_figure_that_is_not_finite_is_refused_by_the_document(document: StudyDocument) -> None:
@@ -75,13 +76,6 @@ def test_another_file_is_no_study_and_no_normative_table(tmp_path: Path) -> None
         StudyDocument.model_validate_json(other)
     with raises_refusal("normative.wrong_file", kind=StudyError):
         read_normative(tmp_path / "other.json")
-
-
-def test_the_cuffs_differ_over_volunteers_by_what_they_were_drawn_with(document: StudyDocument) -> None:
-    (found,) = [one for one in document.comparisons if one.quantity == "stiffness"]
-    assert (found.first, found.second, found.volunteers) == ("hand", "tube", 8)
-    expected = STIFFNESS.mean * (CUFF_FACTORS["tube"] - CUFF_FACTORS["hand"])
-    assert found.difference.ci95[0] <= expected <= found.difference.ci95[1]
 
 
 def test_the_verb_writes_study_table_and_page(folder: Path, tmp_path: Path, station: Station) -> None:
@@ -234,10 +228,7 @@ def test_the_recommended_design_reaches_the_power_in_the_least_time(example: Pat
     by_donnings = {one.donnings: one for one in (first, *others) if one.repeats == 1}
     assert by_donnings[3].volunteers < by_donnings[1].volunteers
     assert by_donnings[3].session_minutes > by_donnings[1].session_minutes
-
-
-def test_a_session_takes_the_time_of_its_parts(example: Path) -> None:
-    """30 min, and for each of two cuffs one donning of 5 min, 11 holds of 7 s, a swing of 28 s, a pause of 60 s."""
+    # 30 min, and for each of two cuffs one donning of 5 min, 11 holds of 7 s, a swing of 28 s, a pause of 60 s.
     assert session_minutes(read_study_plan(example), 1, 1, 5) == pytest.approx(30 + 2 * (5 + (77 + 28 + 60) / 60))
 
 

@@ -114,7 +114,7 @@ def test_the_cord_runs_where_its_markers_were(person: AssessedSubject, wearer: W
         assert fitted.spread[part] < 0.015
 
 
-def test_figures_are_of_the_wearer_and_every_interval_contains_the_posture(plain: dict[str, Any]) -> None:
+def test_figures_are_of_the_wearer_and_the_measured_tension_is_beside_the_predicted(plain: dict[str, Any]) -> None:
     subject = plain["subject"]
     assert subject["motion"] == FREE.file_name(1) and subject["condition"] == "unsuited"
     assert plain["inputs"]["motion"].startswith(FREE.file_name(1)) and "wearer" in plain["inputs"]["model"]
@@ -122,6 +122,10 @@ def test_figures_are_of_the_wearer_and_every_interval_contains_the_posture(plain
     low, high = plain["at_rigid_optimum"]["rigid"]["ci95"]
     assert 0.05 < high - low < 1.0, "with the body, muscles and motion of the budget"
     assert plain["unsolved"]["count"]["value"] == 0
+    cord = plain["subject"]["cord"]
+    assert cord["correlation"] > 0.95
+    assert cord["rms_n"] < 5.0 and abs(cord["offset_n"]) < 8.0
+    assert cord["arm_cuff"] is None, "two were fitted, and none is named"
 
 
 def test_every_part_of_the_wearer_is_exchanged_for_that_of_the_study(plain: dict[str, Any]) -> None:
@@ -139,13 +143,6 @@ def test_every_part_of_the_wearer_is_exchanged_for_that_of_the_study(plain: dict
             assert own + sum(one - own for one in single) + interaction == pytest.approx(everything, abs=1e-9)
 
 
-def test_the_measured_tension_of_the_cord_is_beside_the_predicted_one(plain: dict[str, Any]) -> None:
-    cord = plain["subject"]["cord"]
-    assert cord["correlation"] > 0.95
-    assert cord["rms_n"] < 5.0 and abs(cord["offset_n"]) < 8.0
-    assert cord["arm_cuff"] is None, "two were fitted, and none is named"
-
-
 def with_cord(folder: Path, tmp_path: Path, cuff: str | None, *, files: str = "*.mcap") -> Path:
     """The session with another cuff in the cord of subject.toml."""
     for path in folder.glob(files):
@@ -154,9 +151,7 @@ def with_cord(folder: Path, tmp_path: Path, cuff: str | None, *, files: str = "*
     return tmp_path
 
 
-def test_the_cord_is_compared_with_the_cuff_that_was_worn(
-    folder: Path, person: AssessedSubject, tmp_path: Path
-) -> None:
+def test_the_cord_is_compared_with_the_worn_cuff(folder: Path, person: AssessedSubject, tmp_path: Path) -> None:
     """All fitted cuffs count, as they do live: one that was worn need not be assessed, nor the reverse."""
     hand, waist = (read_cuffs_to_wear(folder / "cuffs.json")[name] for name in ("hand", "waist"))
     cuffs = {"hand": hand, "tube": replace(hand, name="tube"), "waist": waist}
@@ -218,9 +213,7 @@ def test_the_report_names_body_and_motion(plain: dict[str, Any], folder: Path) -
         ('mass_kg = 70\nmarkers = { ij = "nose" }', SubjectCode.UNKNOWN_MARKERS, "nose"),
     ],
 )
-def test_a_wrong_subject_is_refused_by_key(
-    folder: Path, tmp_path: Path, text: str, code: SubjectCode, named: str
-) -> None:
+def test_a_wrong_subject_is_refused(folder: Path, tmp_path: Path, text: str, code: SubjectCode, named: str) -> None:
     for path in folder.glob("*.mcap"):
         shutil.copy(path, tmp_path)
     (tmp_path / "subject.toml").write_text(text, encoding="utf-8")
@@ -235,9 +228,7 @@ def test_a_mass_that_does_not_go_with_the_arm_is_refused_by_code(folder: Path) -
 
 
 @pytest.mark.slow
-def test_exchanged_labels_are_findings_of_a_body_that_is_not_whole(
-    folder: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_exchanged_labels_are_findings_of_a_body(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     declared = Subject(mass_kg=75.0, markers=dict(zip(MIDDLE, reversed(MIDDLE), strict=True)))
     monkeypatch.setattr(assessed_subject, "read_subject", lambda _: declared)
     monkeypatch.setattr(assessed_subject, "DRAWS", 0)

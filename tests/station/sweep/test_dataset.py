@@ -86,9 +86,7 @@ def test_uneven_steps_and_loads_that_are_off_are_remarks_of_their_cases(tmp_path
         assert ("off.xml" in row["remarks"]) == (row["external_loads"] == "off.xml")
 
 
-def test_a_motion_without_a_column_has_the_default_and_is_read_once(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_motion_without_a_column_has_its_default(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     model, raised = bundled_model(), simulate_arm_raise(bundled_model())
     place = model.coordinate_index("elbow_flexion")
     coordinates = raised.coordinates.copy()
@@ -240,13 +238,10 @@ def test_a_cuff_that_is_missing_or_at_the_waist_is_refused(tmp_path: Path) -> No
             run_sweep(read_plan(plan), tmp_path / "out", nowhere)
 
 
-def test_a_grid_has_every_combination_in_the_order_of_the_axes(tmp_path: Path) -> None:
+def test_a_grid_has_every_combination_in_the_order_of_the_axes_and_bundled_defaults(tmp_path: Path) -> None:
     plan = read_plan(write_plan(tmp_path, 'rest_length_m = [0.7, 0.74]\ncondition = ["rigid", "both"]'))
     points = [(p["rest_length_m"], p["cuff"], p["condition"]) for p in plan.points()]
     assert points == [(r, c, k) for r in (0.7, 0.74) for c in ("hand", "elbow") for k in ("rigid", "both")]
-
-
-def test_the_defaults_are_the_bundled_files(tmp_path: Path) -> None:
     first, *others = read_plan(write_plan(tmp_path)).points()
     files = [first[name] for name in ("model", "motion", "external_loads", "suit")]
     assert files == ["bundled", "bundled", "none", "bundled"]

@@ -95,9 +95,7 @@ def test_a_sweep_survives_a_killed_worker(client: Client, plan: SweepPlan, ran_t
 
 
 @pytest.mark.slow
-def test_a_killed_sweep_gives_equal_results(
-    client: Client, plan: SweepPlan, ran_through: bytes, tmp_path: Path
-) -> None:
+def test_a_killed_sweep_is_continued(client: Client, plan: SweepPlan, ran_through: bytes, tmp_path: Path) -> None:
     script = tmp_path / "killed.py"
     script.write_text(KILLED_SWEEP, encoding="utf-8")
     output = tmp_path / "out"

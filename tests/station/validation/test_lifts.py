@@ -100,7 +100,9 @@ def test_the_published_figures_are_those_of_the_published_files(solved: list[Sol
 
 
 @pytest.mark.shared
-def test_every_variant_is_the_published_one_within_the_limits(solved: list[SolvedVariant]) -> None:
+def test_variants_are_the_published_ones_and_the_defaults_agree_with_the_force(
+    solved: list[SolvedVariant],
+) -> None:
     for found in solved:
         assert found.unsolved == 0
         if found.variant in VARIANTS:
@@ -109,10 +111,6 @@ def test_every_variant_is_the_published_one_within_the_limits(solved: list[Solve
             assert found.rmse_percent <= found.published_rmse_percent + 1.0
             assert found.is_within_limits
     assert [verdict.code for verdict in verdicts(solved)] == [ValidationCode.WITHIN_LIMITS]
-
-
-@pytest.mark.shared
-def test_the_defaults_agree_with_the_measured_force(solved: list[SolvedVariant]) -> None:
     found = {one.lift: one for one in solved if one.variant == "defaults"}
     for lift, limit in OWN_LIMITS.items():
         assert found[lift].rmse_percent <= limit

@@ -239,14 +239,11 @@ def test_late_samples_lie_where_the_clock_of_their_device_puts_them(said: str, e
     )
 
 
-def test_the_edge_the_first_frame_and_the_force_of_that_moment_lie_together(said: str) -> None:
+def test_the_edge_lies_with_the_first_frame_and_its_force_and_markers_have_labels(said: str) -> None:
     edge = EDGE_DEVICE_NS + DELAY_NS
     assert edge in times_of(said, "/events")
     assert times_of(said, "/markers")[0] == edge
     assert min(abs(time - edge) for time in times_of(said, "/force")) <= 10_000_000
-
-
-def test_markers_carry_their_labels_and_a_hidden_one_has_none(said: str) -> None:
     content = "".join(chunks(said, "/markers"))
     assert "cuff_1, rope_1" in content.replace('"', "")
     assert re.search(r"\[cuff_1\]", content.replace('"', "")), "frame 51 lacks rope_1"
