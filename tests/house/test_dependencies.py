@@ -24,15 +24,12 @@ def test_what_is_imported_is_declared_and_what_is_declared_is_imported() -> None
     assert seen.returncode == 0, seen.stderr
 
 
-def test_the_packages_of_an_extra_are_those_that_it_declares() -> None:
+def test_the_extras_are_those_that_are_declared_and_the_readme_installs_all() -> None:
     brought_by = {name: {_plain(found) for found in names} for name, names in packages_distributions().items()}
     for extra, packages in PACKAGES.items():
         declared = {_plain(Requirement(text).name) for text in PROJECT["optional-dependencies"][extra]}
         assert {distribution for package in packages for distribution in brought_by[package]} == declared, extra
         assert not declared & {_plain(Requirement(text).name) for text in PROJECT["dependencies"]}
-
-
-def test_the_set_up_line_of_the_readme_installs_every_extra_of_the_station() -> None:
     line = next(line for line in (ROOT / "README.md").read_text(encoding="utf-8").splitlines() if "-m venv" in line)
     assert "-e '.[station]'" in line
     (all_of_them,) = PROJECT["optional-dependencies"]["station"]

@@ -47,12 +47,9 @@ def test_the_command_line_ends_with_the_sentence_and_the_exit_code_of_the_root(
     assert capsys.readouterr().err == f"station: {error}{shown}\n"
 
 
-def test_any_other_exception_is_a_bug_and_is_shown(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_any_other_exception_is_a_bug_and_the_library_hands_the_roots_on(monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(ZeroDivisionError):
         _ended(ZeroDivisionError("a bug"), monkeypatch)
-
-
-def test_the_library_hands_the_roots_on() -> None:
     roots = {kind for folder, kind in ROOTS.items() if folder != "documents"}
     assert roots <= {getattr(cuffstation, name) for name in cuffstation.__all__}
 

@@ -43,16 +43,13 @@ def fitted(session: Path) -> cs.SessionFit:
     return cs.fit_session(session)
 
 
-def test_the_public_names_are_these_alone_and_documented_without_a_path_of_this_machine() -> None:
+def test_the_public_names_are_documented_and_found_by_a_type_checker() -> None:
     assert set(cs.__all__) == set(f"{FUNCTIONS} {TYPES} {ERRORS}".split())
     assert set(dir(cs)) == {*cs.__all__, "__version__"}
     for name in cs.__all__:
         assert getattr(cs, name).__doc__, name
     for name in FUNCTIONS.split():
         assert "PosixPath" not in str(inspect.signature(getattr(cs, name)))
-
-
-def test_a_type_checker_finds_each_name_in_the_module_that_it_is_imported_from() -> None:
     imports = (node for node in nodes_of(Path(cs.__file__)) if isinstance(node, ast.ImportFrom))
     declared = {alias.asname: (node.module, alias.name) for node in imports for alias in node.names if alias.asname}
     assert declared == {name: (module, name) for name, module in cs._MODULES.items()}
@@ -71,16 +68,13 @@ def test_a_session_becomes_tables_that_agree_with_its_estimates(fitted: cs.Sessi
     assert (read.stiffness, read.damping, read.migration) == (cuff.stiffness, cuff.damping, cuff.migration)
 
 
-def test_a_donning_is_that_of_its_session_and_two_cuffs_are_none(session: Path, fitted: cs.SessionFit) -> None:
+def test_a_donning_is_that_of_its_session_and_bounces_calibrate_it(session: Path, fitted: cs.SessionFit) -> None:
     whole = fitted.cuffs["hand"]
     alone = cs.fit_donning([path for path in sorted(session.glob("*.mcap")) if "waist" not in path.name])
     assert alone.stiffness == whole.stiffness
     for recordings, reason in (([], "none was given"), ([session / file for file in fitted.bounces], "only bounce")):
         with raises_refusal(FolderCode.NO_TRIAL_USABLE, reason, kind=SessionError):
             cs.fit_donning(recordings)
-
-
-def test_bounces_calibrate_a_donning_that_is_fitted_alone(session: Path, fitted: cs.SessionFit) -> None:
     whole = fitted
     used = [trial.file for trial in whole.cuffs["hand"].trials if trial.state == "used"]
     calibrated = cs.fit_donning([session / file for file in (*whole.bounces, *used)])

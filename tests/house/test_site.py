@@ -65,15 +65,12 @@ def test_every_equation_of_the_source_study_is_cited_by_the_function_that_the_ta
     assert cited == [f"({number})" for number in range(1, 12)]
 
 
-def test_every_file_that_the_front_page_links_to_exists_and_every_command_is_explained() -> None:
+def test_files_that_pages_name_exist_and_commands_are_explained() -> None:
     linked = [target for target in re.findall(r"\]\(([^)]+)\)", README) if "://" not in target]
     assert len(linked) > 10 and [target for target in linked if not (ROOT / target).exists()] == []
     explained = (ROOT / "docs" / "commands.md").read_text(encoding="utf-8")
     shown = re.findall(r"^    station (\w+)", README, re.M)
     assert len(shown) == 5 and all(f"\n    station {verb} " in explained for verb in shown)
-
-
-def test_every_file_that_a_page_names_exists() -> None:
     pages_read = [*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md"), ROOT / "recordings" / "FORMAT.md"]
     named = {
         (page.relative_to(ROOT).as_posix(), path)

@@ -112,7 +112,7 @@ def numbers_in(plain: Any, where: str = "") -> Iterator[tuple[str, Any]]:
         yield where, plain
 
 
-def test_every_number_is_an_entry_with_value_and_interval_by_cuff_and_condition(plain: dict[str, Any]) -> None:
+def test_the_entries_have_intervals_and_the_inputs_hashes(plain: dict[str, Any]) -> None:
     assert list(numbers_in(plain)) == []
     assert plain["frames"]["value"] > 1
     assert plain["reference_rest_length_m"] == {"value": 0.74, "ci95": None}
@@ -123,6 +123,11 @@ def test_every_number_is_an_entry_with_value_and_interval_by_cuff_and_condition(
     low, high = plain["at_rigid_optimum"]["elbow"]["both"]["ci95"]
     assert low < high
     assert plain["at_rigid_optimum"]["rigid"]["ci95"] is None
+    for role, name in (("cuffs", "cuffs.json"), ("emg", "emg.csv")):
+        found, digest = plain["inputs"][role].split(" ")
+        assert (found, len(digest)) == (name, 64)
+    assert (plain["inputs"]["motion"], plain["inputs"]["suit"]) == ("bundled raise of the arm", "bundled suit")
+    assert "cuffstation" in plain["versions"]
 
 
 def test_the_report_lists_the_cuffs_with_their_intervals(plain: dict[str, Any], folder: Path, tmp_path: Path) -> None:
@@ -131,14 +136,6 @@ def test_the_report_lists_the_cuffs_with_their_intervals(plain: dict[str, Any], 
     shutil.copy(folder / "assessment.json", tmp_path)  # without its cuffs.json
     figure = f">8520 ({low:.0f}\u00a0to\u00a0{high:.0f}) (given by hand)</data></td>"
     assert figure in write_report(tmp_path).read_text(encoding="utf-8")
-
-
-def test_the_inputs_are_listed_with_their_hashes_and_the_versions(plain: dict[str, Any]) -> None:
-    for role, name in (("cuffs", "cuffs.json"), ("emg", "emg.csv")):
-        found, digest = plain["inputs"][role].split(" ")
-        assert (found, len(digest)) == (name, 64)
-    assert (plain["inputs"]["motion"], plain["inputs"]["suit"]) == ("bundled raise of the arm", "bundled suit")
-    assert "cuffstation" in plain["versions"]
 
 
 def test_a_file_of_a_later_format_is_refused(plain: dict[str, Any], tmp_path: Path) -> None:

@@ -35,7 +35,7 @@ def written(folder: Path, text: str) -> Path:
     return path
 
 
-def test_the_bundled_file_has_the_defaults_of_the_solver_with_their_origin() -> None:
+def test_the_bundled_file_has_the_defaults_and_keeps_them_where_keys_are_missing(tmp_path: Path) -> None:
     found, own = read_budget().sources, UncertaintySources()
     assert (found.fit, found.donning, found.body, found.muscles) == (own.fit, own.donning, own.body, own.muscles)
     assert found.motion.posture == pytest.approx(own.motion.posture, abs=1e-4)
@@ -43,9 +43,6 @@ def test_the_bundled_file_has_the_defaults_of_the_solver_with_their_origin() -> 
     text = BUNDLED_BUDGET.read_text(encoding="utf-8")
     spreads = text[text.index("[body]") :].splitlines()
     assert all("#" in line for line in spreads if "=" in line)
-
-
-def test_missing_keys_keep_the_bundled_values(tmp_path: Path) -> None:
     path = written(tmp_path, "[donning]\nstiffness = 0.3\n[decision]\nrelevant_difference = 0.05\n")
     budget = read_budget(path, people=120)
     assert (budget.donning.stiffness, budget.donning.migration) == (0.3, 0.2)

@@ -41,15 +41,12 @@ def number(root: Xml.Element, path: str) -> float:
     return float(str(root.findtext(f".//{path}")).split()[0])
 
 
-def test_without_cuffs_they_are_welded_on_with_their_masses(tmp_path: Path) -> None:
+def test_cuffs_are_welded_on_or_on_bushings_with_their_migration_in_the_cord(tmp_path: Path) -> None:
     root = written(SuitToExport(rest_length=0.7), tmp_path)
     assert [body.get("name") for body in root.iter("Body")][-3:] == ["waist_cuff", "shoulder_cuff", "arm_cuff"]
     assert [number(root, f"Body[@name='{part}_cuff']/mass") for part in ("waist", "shoulder", "arm")] == [0.2] * 3
     assert number(root, "PathSpring/resting_length") == 0.7
     assert root.find(".//BushingForce") is None
-
-
-def test_a_yielding_cuff_is_on_a_bushing_and_its_migration_in_the_cord(tmp_path: Path) -> None:
     root = written(SuitToExport(cuffs=write_cuffs(tmp_path / "cuffs.json"), cuff="elbow"), tmp_path)
     stiffness = [number(root, f"BushingForce[@name='{part}_cuff_bushing']/translational_stiffness") for part in PARTS]
     assert stiffness == [2140.0, 2530.0]

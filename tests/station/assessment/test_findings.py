@@ -75,12 +75,18 @@ def one(found: list[Finding], code: AssessmentCode) -> Finding:
     return finding
 
 
-def test_the_cuff_with_the_least_effort_is_chosen_if_all_others_differ() -> None:
+def test_a_cuff_is_chosen_by_differences_with_their_signs() -> None:
     choice, comparison, *_ = compared(0.04, (0.035, 0.045))
     assert choice.code is AssessmentCode.LEAST_EFFORT
     assert choice.figures == {"cuff": "tube", "effort": 0.84, "at_m": 0.74, "cuffs": "hand, tube"}
     assert comparison.code is AssessmentCode.DIFFERENT
     assert str(comparison) == "hand − tube: +4.00 % effort at 0.740 m (95 % CI +3.50 to +4.50 %)."
+    finding = compared(-0.04, (-0.045, -0.035))[1]
+    found = [finding.figures[name] for name in ("difference_percent", "low_percent", "high_percent")]
+    assert found == ["-4.00", "-4.50", "-3.50"]
+    assert "−4.00 % effort at 0.740 m (95 % CI −4.50 to −3.50 %)" in str(finding)
+    assert findings(assessment(curve("hand", 0.85)))[0].code is AssessmentCode.ONLY_CUFF
+    assert findings(assessment(curve("hand", None)))[0].code is AssessmentCode.NO_CHOICE
 
 
 @pytest.mark.parametrize(
@@ -93,23 +99,11 @@ def test_an_equivalent_cuff_is_named(value: float, ci95: tuple[float, float], co
     assert comparison.code is code
 
 
-def test_a_negative_difference_keeps_its_sign_and_interval() -> None:
-    finding = compared(-0.04, (-0.045, -0.035))[1]
-    found = [finding.figures[name] for name in ("difference_percent", "low_percent", "high_percent")]
-    assert found == ["-4.00", "-4.50", "-3.50"]
-    assert "−4.00 % effort at 0.740 m (95 % CI −4.50 to −3.50 %)" in str(finding)
-
-
 @pytest.mark.parametrize(
     ("value", "code"), [(0.01, AssessmentCode.WITHOUT_INTERVAL), (None, AssessmentCode.NOT_COMPARED)]
 )
 def test_an_unknown_difference_or_interval_has_a_code(value: float | None, code: AssessmentCode) -> None:
     assert compared(value, None)[1].code is code
-
-
-def test_one_cuff_alone_and_none_that_was_solved() -> None:
-    assert findings(assessment(curve("hand", 0.85)))[0].code is AssessmentCode.ONLY_CUFF
-    assert findings(assessment(curve("hand", None)))[0].code is AssessmentCode.NO_CHOICE
 
 
 def migrated(condition: str = "both", lost: float = 0.2, cost: float = 3.2, ci95: tuple[float, float] | None = None):

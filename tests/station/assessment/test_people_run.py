@@ -76,7 +76,7 @@ def plain(folder: Path) -> dict[str, Any]:
         return assessed(folder, run, folder)
 
 
-def test_every_figure_has_the_interval_of_the_people(plain: dict[str, Any]) -> None:
+def test_every_figure_and_the_band_of_the_curve_have_the_interval_of_the_people(plain: dict[str, Any]) -> None:
     summary = plain["uncertainty"]
     assert (summary["people"]["value"], summary["solved"]["value"]) == (40, 40)
     assert summary["sources"] == ["fit", "donning", "body", "muscles", "motion"]
@@ -86,6 +86,15 @@ def test_every_figure_has_the_interval_of_the_people(plain: dict[str, Any]) -> N
         assert np.ptp(plain["at_rigid_optimum"][cuff]["both"]["ci95"]) > 0.05
     assert np.ptp(plain["at_rigid_optimum"]["rigid"]["ci95"]) > 0.05, "body and motion vary with rigid cuffs, too"
     assert list(numbers_in(plain)) == []
+    lengths = np.array(plain["rest_lengths_m"]["value"])
+    for cuff in ("hand", "elbow"):
+        band = plain["cost"][cuff]["both"]
+        low, high = np.array([ends or (np.nan, np.nan) for ends in band["ci95"]]).T
+        cost, is_known = np.array(band["value"]), np.isfinite(low)
+        assert is_known.sum() >= 7 and (low <= cost)[is_known].all() and (cost <= high)[is_known].all()
+        reference = plain["reference_rest_length_m"]["value"]
+        ends = [np.interp(reference, lengths[is_known], edge[is_known]) for edge in (low, high)]
+        assert ends == pytest.approx(plain["at_rigid_optimum"][cuff]["both"]["ci95"], abs=0.03)
 
 
 def test_the_noise_of_the_fit_alone_is_narrow_and_decides_nothing(folder: Path, plain: dict[str, Any]) -> None:
@@ -97,18 +106,6 @@ def test_the_noise_of_the_fit_alone_is_narrow_and_decides_nothing(folder: Path, 
     narrow, wide = curve.figures["at_reference"].ci95, plain["at_rigid_optimum"]["hand"]["both"]["ci95"]
     assert narrow is not None and 0 < 3 * np.ptp(narrow) < np.ptp(wide)
     assert decision_sentences(found) == [str(Message(DecisionCode.FIT_ONLY))]
-
-
-def test_the_band_over_the_rest_length_holds_the_curve_and_the_interval_at_the_reference(plain: dict[str, Any]) -> None:
-    lengths = np.array(plain["rest_lengths_m"]["value"])
-    for cuff in ("hand", "elbow"):
-        band = plain["cost"][cuff]["both"]
-        low, high = np.array([ends or (np.nan, np.nan) for ends in band["ci95"]]).T
-        cost, is_known = np.array(band["value"]), np.isfinite(low)
-        assert is_known.sum() >= 7 and (low <= cost)[is_known].all() and (cost <= high)[is_known].all()
-        reference = plain["reference_rest_length_m"]["value"]
-        ends = [np.interp(reference, lengths[is_known], edge[is_known]) for edge in (low, high)]
-        assert ends == pytest.approx(plain["at_rigid_optimum"][cuff]["both"]["ci95"], abs=0.03)
 
 
 @pytest.mark.parametrize(
@@ -155,7 +152,7 @@ def test_the_numbers_of_a_report_on_people_name_count_and_seed(plain: dict[str, 
     assert {link.standing for link in number_links(folder)} == {Standing.AS_RECORDED}
 
 
-def test_every_group_has_indices_of_effort_rest_length_and_difference(plain: dict[str, Any]) -> None:
+def test_every_group_has_indices_and_the_cuffs_are_compared_with_the_intervals_of_people(plain: dict[str, Any]) -> None:
     found = {(entry["figure"], *entry["cuffs"]): entry["groups"] for entry in plain["uncertainty"]["indices"]}
     assert set(found) == {
         *((figure, cuff) for figure in ("effort_at_reference", "best_rest_length") for cuff in ("hand", "elbow")),
@@ -164,9 +161,6 @@ def test_every_group_has_indices_of_effort_rest_length_and_difference(plain: dic
     }
     assert set(found["best_rest_length", "hand"]) == {"fit", "donning", "body", "muscles", "motion"}
     assert found["effort_at_reference", "hand"]["fit"]["total"]["value"] < 0.1, "the fit is the least of the doubts"
-
-
-def test_the_findings_compare_the_cuffs_with_the_intervals_of_the_people(plain: dict[str, Any]) -> None:
     found = {entry["code"]: entry["figures"] for entry in plain["finding_codes"]}
     assert found[AssessmentCode.INTERVALS]["people"] == 40
     low, high = plain["decision"]["at_reference"]["pairs"][0]["difference"]["ci95"]

@@ -124,7 +124,7 @@ def test_frames_with_a_path_that_did_not_converge_are_reported_by_their_code() -
     assert describe_unconverged(exact.solution) == []
 
 
-def test_the_formats_hold_the_same_numbers(solved: SolvedMotion, tmp_path: Path) -> None:
+def test_the_formats_hold_equal_numbers_and_what_made_them(solved: SolvedMotion, tmp_path: Path, motion: Path) -> None:
     for suffix in (".csv", ".sto", ".parquet"):
         write_solved(tmp_path / f"raise{suffix}", solved)
     plain = pd.read_csv(tmp_path / "raise.csv", comment="#")
@@ -134,11 +134,6 @@ def test_the_formats_hold_the_same_numbers(solved: SolvedMotion, tmp_path: Path)
     assert list(plain) == list(sto) == list(exact) == ["time", *values(solved)]
     np.testing.assert_allclose(plain, exact, rtol=1e-9)
     np.testing.assert_array_equal(plain, sto)
-
-
-def test_what_made_the_numbers_is_stored_beside_them(solved: SolvedMotion, motion: Path, tmp_path: Path) -> None:
-    write_solved(tmp_path / "raise.parquet", solved)
-    write_solved(tmp_path / "raise.csv", solved)
     schema = parquet.read_schema(tmp_path / "raise.parquet")
     notes = {key.decode(): value.decode() for key, value in schema.metadata.items()}
     assert notes["filter"] == "Butterworth low-pass at 3 Hz, order 4, forwards and backwards"
@@ -406,7 +401,7 @@ def test_free_pelvis_coordinates_need_no_actuators(step: Step, tmp_path: Path) -
     assert solved.solution.equality_residual.max() < 1e-8
 
 
-def test_reserves_by_name_are_those_of_an_actuator_file(step: Step, tmp_path: Path) -> None:
+def test_reserves_by_name_are_those_of_a_file_and_a_patella_follows_the_knee(step: Step, tmp_path: Path) -> None:
     effort = tmp_path / "effort.toml"
     forces = dict.fromkeys(PELVIS, 500.0) | dict.fromkeys(LEG, 5.0)
     lines = [f"{name} = {{ optimal_force = {force} }}" for name, force in forces.items()]
@@ -414,9 +409,6 @@ def test_reserves_by_name_are_those_of_an_actuator_file(step: Step, tmp_path: Pa
     by_name, by_file = solve(step, effort=effort), solve(step)
     np.testing.assert_allclose(by_name.solution.activations, by_file.solution.activations, atol=1e-7)
     assert by_name.options.reserve_weight == 1.0  # that of static optimisation, because the file has none
-
-
-def test_a_patella_without_data_follows_the_knee(step: Step, tmp_path: Path) -> None:
     motion = tmp_path / "step.sto"
     write_motion(motion, (*PELVIS, *LEG))
     found, expected = solve(replace(step, motion=motion)), solve(step)

@@ -155,7 +155,7 @@ def solved(file: Path, *left_out: str) -> SolvedMotion:
     return solve_muscles(MuscleInputs(None, str(file), None, None, True, left_out), CUT, RedundancyOptions())
 
 
-def test_a_force_left_out_by_name_does_not_act_and_its_load_is_reported(file: Path) -> None:
+def test_the_load_of_a_force_left_out_and_the_share_of_reserves_are_reported(file: Path) -> None:
     found, bare = solved(file, "band"), solve_muscles(MuscleInputs(), CUT, RedundancyOptions())
     np.testing.assert_allclose(found.solution.activations, bare.solution.activations, atol=1e-9)
     assert np.abs(solved(file).solution.activations - bare.solution.activations).max() > 0.01
@@ -163,9 +163,6 @@ def test_a_force_left_out_by_name_does_not_act_and_its_load_is_reported(file: Pa
     assert next(iter(load)) in ("shoulder_elv", "scapula_upward_rot", "plane_elv")
     (sentence,) = map(str, left_out_findings(found.model, found.left_out))
     assert f"band would give {next(iter(load.values())):.3g} N m at {next(iter(load))}" in sentence
-
-
-def test_the_share_of_reserves_is_reported_where_the_solver_lacks_a_force(file: Path) -> None:
     found = solved(file)
     assert found.model.lacking == ("sole",)
     given, needed = json.loads(found.notes["left_out_effect"])["reserve_and_needed"]["ground_thorax_ty"]

@@ -61,7 +61,13 @@ def test_the_values_are_those_of_the_files_and_filters_combine(original: Path) -
         assert len(list_cuffs(original / CATALOGUE_FILE, found)) == count
 
 
-def test_only_what_changed_is_read_again_and_what_is_gone_is_removed(folder: Path) -> None:
+def test_only_what_changed_is_read_again_and_damage_is_listed(folder: Path) -> None:
+    path, cuffs = folder / CATALOGUE_FILE, folder / "sub-P03_ses-1" / "cuffs.json"
+    sound = cuffs.read_bytes()
+    cuffs.write_text("{", encoding="utf-8")
+    assert list(update_catalogue(folder, path).unreadable) == ["sub-P03_ses-1"]
+    cuffs.write_bytes(sound)
+    assert update_catalogue(folder, path).unreadable == {}
     path = folder / CATALOGUE_FILE
     assert update_catalogue(folder, path).read == 0
     shutil.rmtree(folder / "sub-P01_ses-1")
@@ -71,15 +77,6 @@ def test_only_what_changed_is_read_again_and_what_is_gone_is_removed(folder: Pat
     assert (indexed.sessions, indexed.read, indexed.removed) == (3, 1, 1)
     assert set(list_cuffs(path, SessionFilter(subject="P02"))["cuff"]) == {"glove", "tube"}
     assert set(list_cuffs(path, SessionFilter())["subject"]) == {"P02", "P03", "P04"}
-
-
-def test_a_damaged_session_is_listed_with_the_reason_and_read_again_once_it_is_repaired(folder: Path) -> None:
-    path, cuffs = folder / CATALOGUE_FILE, folder / "sub-P03_ses-1" / "cuffs.json"
-    sound = cuffs.read_bytes()
-    cuffs.write_text("{", encoding="utf-8")
-    assert list(update_catalogue(folder, path).unreadable) == ["sub-P03_ses-1"]
-    cuffs.write_bytes(sound)
-    assert update_catalogue(folder, path).unreadable == {}
 
 
 def test_participants_go_in_and_out(folder: Path, tmp_path: Path) -> None:
@@ -274,9 +271,6 @@ def test_the_verb_prints_rows_for_people_and_programs(folder: Path, station: Sta
     days = ("--since", "2027-01-01", "--output", folder / "none.duckdb", "--before")
     assert [station("catalogue", folder, *days, before).code for before in ("2020-01-01", "2027-01-01")] == [2, 2]
     assert not (folder / "none.duckdb").exists()
-
-
-def test_the_table_has_a_dash_for_what_is_not_known_or_no_rows(folder: Path, station: Station) -> None:
     unknown = "SELECT NULL AS subject, CAST(NULL AS DOUBLE) AS stiffness, CAST(NULL AS TIMESTAMP) AS begun"
     assert station("catalogue", folder, "--sql", unknown).out.split()[3:] == ["-", "-", "-"]
     empty = station("catalogue", folder, "--cuff", "none")

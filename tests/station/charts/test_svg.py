@@ -70,12 +70,9 @@ def test_panels_of_a_column_share_their_left_edge_and_legend() -> None:
     assert draw(chart(panel, panel, panel, has_one_legend=True), "").count("> slack<") == 1
 
 
-def test_a_gap_interrupts_a_curve_and_dots_on_the_same_pixel_are_drawn_once() -> None:
+def test_curves_have_gaps_peaks_and_ends_and_dots_are_drawn_once() -> None:
     assert curve(values(range(5)), values([0, 1, np.nan, 3, 4])).count("M") == 2
     assert dots(np.full(300, 7.2), np.full(300, 3.1)).count("M") == 1
-
-
-def test_a_long_curve_keeps_its_peak_and_its_ends() -> None:
     y = np.zeros(100_000)
     y[54_321] = 77.0
     d = curve(np.linspace(0.0, 500.0, len(y)), y)

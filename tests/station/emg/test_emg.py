@@ -266,17 +266,14 @@ def test_an_envelope_does_not_replace_a_file_that_is_read(station: Station, lab_
     assert files(lab_folder) == before
 
 
-def test_the_change_does_not_replace_activations_of_its_name(station: Station, lab_folder: Path) -> None:
+def test_results_of_an_earlier_run_are_replaced_and_activations_are_not(station: Station, lab_folder: Path) -> None:
+    for _ in range(2):
+        assert station("emg", "lift.csv", "--output", ".").code == DONE
     write_activations(lab_folder / "emg_change.csv")
     before = files(lab_folder)
     words = ("--activations", "emg_change.csv", "--setup", "emg.toml", "--output", lab_folder)
     assert station("emg", "lift.csv", *words).code == WRONG_USAGE
     assert files(lab_folder) == before
-
-
-def test_results_of_an_earlier_run_are_replaced(station: Station, lab_folder: Path) -> None:
-    for _ in range(2):
-        assert station("emg", "lift.csv", "--output", ".").code == DONE
 
 
 @pytest.mark.parametrize("output", ["emg.toml", "emg.toml/results"])

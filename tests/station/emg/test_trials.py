@@ -103,11 +103,16 @@ def test_the_default_fits_the_code_and_the_model_and_combines_muscles() -> None:
     assert serratus.model_copy(update={"weights": (1.0, 0.0, 3.0)}).combined(activations) == pytest.approx([0.475, 0.3])
 
 
-def test_a_set_up_overrides_the_defaults_key_by_key(tmp_path: Path) -> None:
+def test_a_set_up_overrides_the_defaults_and_similar_names_are_suggested(tmp_path: Path) -> None:
     assert setup_of(tmp_path, '[envelope]\nmethod = "seth_2019"\n').envelope.settings() == PUBLISHED
     setup = setup_of(tmp_path, '[envelope]\nmethod = "rms"\nwindow_s = 0.2\n[channels]\nX = { muscles = ["A"] }\n')
     assert setup.envelope.settings() == EnvelopeSettings(smoothing="rms", window_s=0.2)
     assert list(setup.channels) == ["X"]
+    setup = read_emg_setup(None)
+    with raises_refusal(EmgCode.UNKNOWN_CHANNEL, "LAD", kind=ConfigError, name="AD"):
+        setup.require_channels(["LAD", "serratus"], "emg.csv")
+    with raises_refusal(EmgCode.UNKNOWN_MUSCLE, "DeltoideusClavicle_B", kind=ConfigError, name="DeltoideusClavicle_A"):
+        setup.require_muscles(["AD"], ["TRIlong", "DeltoideusClavicle_B"], "act.sto")
 
 
 @pytest.mark.parametrize(
@@ -125,14 +130,6 @@ def test_a_set_up_overrides_the_defaults_key_by_key(tmp_path: Path) -> None:
 def test_a_wrong_set_up_is_refused_with_its_key(tmp_path: Path, text: str, reason: str) -> None:
     with raises_refusal(EmgCode.SETUP_WRONG, reason, kind=ConfigError):
         setup_of(tmp_path, text)
-
-
-def test_an_unknown_name_is_refused_with_similar_names() -> None:
-    setup = read_emg_setup(None)
-    with raises_refusal(EmgCode.UNKNOWN_CHANNEL, "LAD", kind=ConfigError, name="AD"):
-        setup.require_channels(["LAD", "serratus"], "emg.csv")
-    with raises_refusal(EmgCode.UNKNOWN_MUSCLE, "DeltoideusClavicle_B", kind=ConfigError, name="DeltoideusClavicle_A"):
-        setup.require_muscles(["AD"], ["TRIlong", "DeltoideusClavicle_B"], "act.sto")
 
 
 @pytest.fixture
@@ -157,14 +154,11 @@ def as_sto(path: Path, *, start: float = 0.0, end: float = 8.0) -> Path:
     return path
 
 
-def test_activations_of_the_same_time_have_no_finding(run: Callable[[Path], Ran], tmp_path: Path) -> None:
+def test_only_a_cut_table_of_activations_is_a_finding(run: Callable[[Path], Ran], tmp_path: Path) -> None:
     """A few frames at both ends are missing where a motion is shorter than its EMG."""
     for ends in ({}, {"start": 0.1, "end": 7.8}):
         ran = run(as_sto(tmp_path / "rmr.sto", **ends))
         assert (ran.code, ran.err, trial(tmp_path).findings) == (DONE, "", [])
-
-
-def test_a_cut_table_of_activations_is_a_finding(run: Callable[[Path], Ran], tmp_path: Path) -> None:
     path = as_sto(tmp_path / "rmr.sto")
     lines = path.read_text(encoding="utf-8").splitlines()
     path.write_text("\n".join(lines[:-10]) + "\n", encoding="utf-8")

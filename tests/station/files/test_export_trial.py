@@ -215,15 +215,12 @@ def test_motion_bids_is_a_data_set_whose_columns_are_its_channels(session: Path,
     assert_allclose([float(word) for word in force], trial.force, rtol=1e-6, atol=1e-12)
 
 
-def test_names_of_the_console_become_entities(static: Path, tmp_path: Path) -> None:
+def test_names_of_the_console_become_entities_and_exports_are_reproducible(static: Path, tmp_path: Path) -> None:
     named = tmp_path / "sub-P3_ses-monday_task-static_acq-hand_run-1.mcap"
     named.write_bytes(static.read_bytes())
     written = export_recordings([named], "bids", tmp_path / "out", "01").paths
     folder = tmp_path / "out" / "sub-P3" / "ses-monday" / "motion"
     assert folder / "sub-P3_ses-monday_task-static_tracksys-omc_acq-hand_run-1_motion.tsv" in written
-
-
-def test_the_same_recording_gives_the_same_bytes(static: Path, tmp_path: Path) -> None:
     for to in ("csv", "bids"):
         once, twice = (export_recordings([static], to, tmp_path / name, "01").paths for name in ("a", "b"))
         assert [path.read_bytes() for path in once] == [path.read_bytes() for path in twice]
@@ -256,16 +253,13 @@ def test_lost_samples_are_reported_by_an_export_and_by_info(station, session: Pa
     assert station("export", whole, "--to", "csv", "--output", tmp_path / "out").code == 0
 
 
-def test_a_stream_without_samples_is_an_empty_raw_table(station, tmp_path: Path) -> None:
+def test_a_stream_without_samples_and_a_bounce_are_exported(station, tmp_path: Path) -> None:
     truth = static_and_dynamic()[0]
     path = truth.with_track("/markers", slice(0)).record(tmp_path / "none.mcap")
     ran = station("export", path, "--to", "csv", "--output", tmp_path / "out")
     assert ran.code == 3
     titles, *rows = csv.reader((tmp_path / "out" / "none_markers_raw.csv").read_text().splitlines())
     assert len(titles) == 3 + 3 * len(truth.tracks["/markers"].stream.labels) and not rows
-
-
-def test_a_bounce_has_no_cuff_to_pull_on(tmp_path: Path) -> None:
     truth = static_and_dynamic()[1]
     manifest = replace(truth.manifest, cuff=None, test="bounce", bounce=BounceRig(2.0, "cuff_1"))
     path = replace(truth, manifest=manifest).record(tmp_path / "test-bounce_run-1.mcap")
@@ -444,14 +438,11 @@ def test_filled_gaps_are_one_file_whose_filled_rows_are_counted(tmp_path: Path) 
     assert done.notes[1].figures["lost"] == 40
 
 
-def test_without_gaps_there_is_one_file_and_no_note(tmp_path: Path) -> None:
+def test_without_gaps_there_is_one_file_and_an_unseen_cuff_is_refused(tmp_path: Path) -> None:
     done = export_force(record_static(tmp_path, slice(0)), "sto", tmp_path)
     assert [path.suffix for path in done.paths] == [".sto", ".json"]
     assert done.paths[0].stem.endswith("_force")
     assert not done.notes
-
-
-def test_a_cuff_that_is_never_seen_is_refused(tmp_path: Path) -> None:
     with raises_refusal(ExportCode.NO_DIRECTION, kind=ExportRefused):
         export_force(record_static(tmp_path, slice(None)), "mot", tmp_path / "out")
     assert not (tmp_path / "out").exists()

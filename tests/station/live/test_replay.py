@@ -128,13 +128,10 @@ def test_frames_that_come_while_the_body_is_prepared_are_counted(wearer: WearerS
     assert inbox.get() is None
 
 
-def test_a_trial_without_markers_on_the_body_is_refused() -> None:
+def test_the_body_is_that_of_the_trials_before_and_one_without_markers_is_refused(wearer: WearerSession) -> None:
     with raises_refusal(LiveCode.NO_BODY, kind=LiveRefused):
         prepare_replay(GOLDEN / "format_1.mcap")
-
-
-def test_the_body_is_that_of_the_trials_before(wearer: WearerSession) -> None:
-    """A later trial must not change what a replay gives."""
+    # A later trial must not change what a replay gives.
     before = open_recording(wearer.path(TIGHT)).manifest.start_utc_ns
     assert [trial.manifest.test for trial in read_wearer_trials(wearer.folder, before)] == ["pose", "motion"]
     assert len(read_wearer_trials(wearer.folder)) == len(SPECS)

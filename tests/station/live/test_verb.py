@@ -72,7 +72,7 @@ def values() -> LiveValues:
     )  # fmt: skip
 
 
-def test_the_table_shows_effort_relative_to_the_slack_suit_the_age_and_findings() -> None:
+def test_table_and_sentence_show_relative_effort_age_findings_and_best_length() -> None:
     delivery = LiveDelivery(1000.0, 0.152, 0.002, 100, 7, 1, 100.0)
     update = LiveUpdate(values(), delivery, (LiveFinding("live.x", "a finding"),), SETUP.scenarios)
     out = io.StringIO()
@@ -82,9 +82,6 @@ def test_the_table_shows_effort_relative_to_the_slack_suit_the_age_and_findings(
         figure in text for figure in ("0.700 m", "75 %", "80 %", "42 N", "500 N", "250 N", "0.40 s", "a finding")
     )
     assert "7 frames left out" in text and "generic" in text
-
-
-def test_the_best_rest_length_has_its_spread_or_a_bound() -> None:
     assert "0.71 ± 0.01 m" in best_sentence(values()) and "9 % less" in best_sentence(values())
     bound = replace(values(), best=LiveBest(0.75, NAN, 0.9, 2, edge=1))
     assert "at least 0.75 m" in best_sentence(bound)

@@ -84,11 +84,17 @@ def plain(folder: Path, person: AssessedSubject) -> dict[str, Any]:
     return plain
 
 
-def test_the_body_is_that_of_the_model_it_was_simulated_from(person: AssessedSubject) -> None:
+def test_body_and_cord_are_those_of_the_simulated_person(person: AssessedSubject, wearer: WearerSession) -> None:
     estimate = person.body.estimate
     assert estimate.outcome == "converged"
     assert np.all(np.abs(estimate.factors - 1.0) < 3.0 * estimate.factor_errors)
     assert len(person.not_measured) == 2, person.not_measured  # no marker is on the forearm
+    fitted = fit_suit(person, read_suit())
+    assert fitted is not None
+    places = wearer.person._shoulder.cord.values()
+    for part, place in zip(PARTS, places, strict=True):
+        np.testing.assert_allclose(getattr(fitted.suit, part).location, place[1], atol=0.008)
+        assert fitted.spread[part] < 0.015
 
 
 def test_the_arm_is_raised_as_far_as_it_was(person: AssessedSubject, wearer: WearerSession) -> None:
@@ -103,15 +109,6 @@ def test_the_arm_is_raised_as_far_as_it_was(person: AssessedSubject, wearer: Wea
         error = person.kinematics.positions[:, place] - truth[:, wearer.person.coordinate_names.index(name)]
         assert np.degrees(np.sqrt(np.mean(error**2))) < 10.0, name
         assert np.sqrt(np.mean((error / spread[:, place]) ** 2)) < 2.5, name
-
-
-def test_the_cord_runs_where_its_markers_were(person: AssessedSubject, wearer: WearerSession) -> None:
-    fitted = fit_suit(person, read_suit())
-    assert fitted is not None
-    places = wearer.person._shoulder.cord.values()
-    for part, place in zip(PARTS, places, strict=True):
-        np.testing.assert_allclose(getattr(fitted.suit, part).location, place[1], atol=0.008)
-        assert fitted.spread[part] < 0.015
 
 
 def test_figures_are_of_the_wearer_and_the_measured_tension_is_beside_the_predicted(plain: dict[str, Any]) -> None:
@@ -221,10 +218,17 @@ def test_a_wrong_subject_is_refused(folder: Path, tmp_path: Path, text: str, cod
         build_subject(tmp_path, GENERIC)
 
 
-def test_a_mass_that_does_not_go_with_the_arm_is_refused_by_code(folder: Path) -> None:
+def test_a_mass_a_moving_pose_and_a_folder_without_motion_are_refused(folder: Path, tmp_path: Path) -> None:
     pose, *_ = assessed_subject.read_wearer_trials(folder)
     with raises_refusal(PersonCode.MASS_DOES_NOT_FIT, kind=PersonError):
         measure_subject(Subject(mass_kg=250.0), (pose,), GENERIC, silent)
+    (motion,) = (trial for trial in assessed_subject.read_wearer_trials(folder) if trial.file == FREE.file_name(1))
+    with raises_refusal(PersonCode.POSE_MOVES, kind=PersonError):
+        assessed_subject.find_on_pose(replace(motion, manifest=replace(motion.manifest, test="pose")))
+    shutil.copy(folder / "subject.toml", tmp_path)
+    shutil.copy(folder / POSE.file_name(1), tmp_path)
+    with raises_refusal(SubjectCode.NO_MOTION, kind=SubjectError):
+        build_subject(tmp_path, GENERIC)
 
 
 @pytest.mark.slow
@@ -235,19 +239,6 @@ def test_exchanged_labels_are_findings_of_a_body(folder: Path, monkeypatch: pyte
     body = build_subject(folder, GENERIC).body
     codes = {finding.code for finding in body.findings}
     assert {PersonCode.MARKER_FAR_OFF, PersonCode.NOT_CONVERGED} <= codes and not body.is_whole
-
-
-def test_a_pose_in_which_the_person_moves_is_refused_by_code(folder: Path) -> None:
-    (motion,) = (trial for trial in assessed_subject.read_wearer_trials(folder) if trial.file == FREE.file_name(1))
-    with raises_refusal(PersonCode.POSE_MOVES, kind=PersonError):
-        assessed_subject.find_on_pose(replace(motion, manifest=replace(motion.manifest, test="pose")))
-
-
-def test_a_folder_without_a_motion_is_refused(folder: Path, tmp_path: Path) -> None:
-    shutil.copy(folder / "subject.toml", tmp_path)
-    shutil.copy(folder / POSE.file_name(1), tmp_path)
-    with raises_refusal(SubjectCode.NO_MOTION, kind=SubjectError):
-        build_subject(tmp_path, GENERIC)
 
 
 @pytest.mark.parametrize(

@@ -296,16 +296,13 @@ def test_a_wrong_plan_is_refused_by_its_key(tmp_path: Path, vary: str, head: str
         read_plan(write_plan(tmp_path, vary, head))
 
 
-def test_a_plan_without_cuffs_and_one_that_is_missing_are_refused(tmp_path: Path) -> None:
+def test_unusable_plans_are_refused_and_those_of_the_docs_are_not(tmp_path: Path, station) -> None:
     for text, key in (("[vary]\n", "vary.cuffs"), ("", "vary")):
         (tmp_path / "bare.toml").write_text(text, encoding="utf-8")
         with raises_refusal(SweepCode.WRONG_TABLE, key, kind=PlanError):
             read_plan(tmp_path / "bare.toml")
     with raises_refusal(SweepCode.UNREADABLE, kind=PlanError):
         read_plan(tmp_path / "none.toml")
-
-
-def test_the_plans_in_the_docs_are_plans(tmp_path: Path) -> None:
     docs = (Path(__file__).parents[3] / "docs" / "sweep.md").read_text(encoding="utf-8")
     grid, sample = (block.split("```")[0] for block in docs.split("```toml\n")[1:])
     points = []
@@ -313,9 +310,6 @@ def test_the_plans_in_the_docs_are_plans(tmp_path: Path) -> None:
         (tmp_path / "plan.toml").write_text(text, encoding="utf-8")
         points.append(list(read_plan(tmp_path / "plan.toml").points()))
     assert [len(design) for design in points] == [2 * 2 * 2 * 3 * 2 * 2 * 2 * 2, 500]
-
-
-def test_a_wrong_plan_ends_the_verb(station, tmp_path: Path) -> None:
     plan = write_plan(tmp_path, "rest_length_m = -1")
     assert_refused(station("sweep", plan, "--output", tmp_path / "out"), 1, SweepCode.WRONG_VALUE)
     assert not (tmp_path / "out").exists()
