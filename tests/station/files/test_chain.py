@@ -27,7 +27,7 @@ from station.messages.file_messages import ChainCode
 from station.messages.setup_messages import FolderCode
 from station.recordings_of_session import originals_in, recordings_in, useless_copies_in
 from tests.station.bench.test_session_folder import record
-from tests.station.command import Ran, Station, assert_refused
+from tests.station.command import Station, assert_refused
 from tests.station.foreign import static_and_dynamic
 from tests.station.reported import DYNAMIC, STATIC
 
@@ -66,9 +66,10 @@ def replace_trial(path: Path) -> None:
     static_and_dynamic(4)[0].record(path)
 
 
-def standings(ran: Ran) -> dict[str, str]:
-    """Link → standing of a verification as JSON."""
-    return {link["what"]: link["standing"] for link in json.loads(ran.out)}
+def verified(station: Station, folder: Path, *words: object) -> tuple[int, dict[str, str]]:
+    """Exit code and link → standing of a verification."""
+    ran = station("verify", folder, *words, "--format", "json")
+    return ran.code, {link["what"]: link["standing"] for link in json.loads(ran.out)}
 
 
 def test_every_link_of_an_unchanged_session_is_as_recorded(reported: Path, station: Station) -> None:
@@ -103,9 +104,8 @@ def test_an_edited_stiffness_is_reported_by_assess_and_report(session: Path, mot
     page = (session / "report.html").read_text(encoding="utf-8")
     assert "were solved with another stiffness of cuff hand than that in the table: 40000 N/m" in page
 
-    found = station("verify", session, "--format", "json")
-    assert found.code == 1
-    assert standings(found)["cuffs.json"] == CHANGED
+    code, links = verified(station, session)
+    assert (code, links["cuffs.json"]) == (1, CHANGED)
 
 
 def test_a_replaced_trial_is_reported_by_every_verb(session: Path, tmp_path: Path, station: Station) -> None:
@@ -124,18 +124,16 @@ def test_a_replaced_trial_is_reported_by_every_verb(session: Path, tmp_path: Pat
     ran = station("fit", session)
     assert ran.code == 3 and changed in ran.err
     fitted = json.loads((session / "cuffs.json").read_text(encoding="utf-8"))
-    assert {name: entry["standing"] for name, entry in fitted["recordings"].items()} == {
-        STATIC: CHANGED,
-        DYNAMIC: AS_RECORDED,
-    }
-    found = station("verify", session, "--format", "json")
-    assert found.code == 1 and standings(found)[STATIC] == CHANGED
+    standing = {name: entry["standing"] for name, entry in fitted["recordings"].items()}
+    assert standing == {STATIC: CHANGED, DYNAMIC: AS_RECORDED}
+    code, links = verified(station, session)
+    assert (code, links[STATIC]) == (1, CHANGED)
 
 
 def test_a_recording_replaced_with_its_line_in_the_list_is_not_the_fitted_one(session: Path, station: Station) -> None:
     replace_trial(session / STATIC)
     write_checksums(session / STATIC)
-    found = standings(station("verify", session, "--format", "json"))
+    _, found = verified(station, session)
     assert (found[STATIC], found[f"cuffs.json \u2190 {STATIC}"]) == (AS_RECORDED, CHANGED)
     assert found[f"cuffs.json \u2190 {DYNAMIC}"] == AS_RECORDED
 
@@ -163,8 +161,8 @@ def test_a_cut_copy_replaces_only_a_recording_that_cannot_be_read(session: Path,
 
 def test_a_deleted_recording_is_missing(session: Path, station: Station) -> None:
     (session / DYNAMIC).unlink()
-    links = standings(ran := station("verify", session, "--format", "json"))
-    assert ran.code == 1
+    code, links = verified(station, session)
+    assert code == 1
     assert links[f"report.json ← {DYNAMIC}"] == links[f"cuffs.json ← {DYNAMIC}"] == links[DYNAMIC] == MISSING
 
 
@@ -173,8 +171,8 @@ def test_one_changed_byte_breaks_the_chain_at_its_file(session: Path, station: S
     content = bytearray((session / name).read_bytes())
     content[len(content) // 2] ^= 1
     (session / name).write_bytes(content)
-    ran = station("verify", session, "--format", "json")
-    assert ran.code == 1 and standings(ran)[name] == CHANGED
+    code, links = verified(station, session)
+    assert (code, links[name]) == (1, CHANGED)
 
 
 @pytest.mark.parametrize(
@@ -199,9 +197,9 @@ def test_cuffs_written_by_hand_are_given_and_break_nothing(tmp_path: Path, stati
     figures = {"stiffness_n_per_m": 4000, "damping_n_s_per_m": {"value": 100}, "migration_m": 0.01}
     (tmp_path / "cuffs.json").write_text(json.dumps({"cuffs": {"hand": figures}}))
     assert read_cuffs(tmp_path / "cuffs.json")["hand"].given == ("stiffness", "damping", "migration")
-    ran = station("verify", tmp_path, "--format", "json")
-    assert ran.code == 0 and standings(ran)["cuffs.json, cuff hand"] == BY_HAND
-    ran = station("report", tmp_path)
+    code, links = verified(station, tmp_path)
+    assert (code, links["cuffs.json, cuff hand"]) == (0, BY_HAND)
+    station("report", tmp_path)
     assert "4000 (given by hand)" in (tmp_path / "report.html").read_text(encoding="utf-8")
 
 
@@ -248,9 +246,8 @@ def test_a_change_with_new_checksums_breaks_the_signature(
     signers = allow(tmp_path, key)
     ran = station("verify", session, "--sign", key, "--signers", signers)
     assert ran.code == 0, ran.err
-    assert ran.out.startswith(
-        'SHA256SUMS.sig ← SHA256SUMS: as recorded (Good "cuffstation" signature for lab@example.org'
-    )
+    good = 'as recorded (Good "cuffstation" signature for lab@example.org'
+    assert ran.out.startswith(f"SHA256SUMS.sig ← SHA256SUMS: {good}")
     command = ["ssh-keygen", "-Y", "verify", "-f", str(signers), "-I", "lab@example.org", "-n", "cuffstation"]
     with (session / CHECKSUMS_FILE).open("rb") as signed:  # without the station, as docs/security.md says
         subprocess.run([*command, "-s", str(session / f"{CHECKSUMS_FILE}.sig")], stdin=signed, check=True)  # noqa: S603
@@ -258,8 +255,8 @@ def test_a_change_with_new_checksums_breaks_the_signature(
 
     replace_trial(session / STATIC)
     write_checksums(session / STATIC)  # as an attacker would
-    ran = station("verify", session, "--signers", signers, "--format", "json")
-    assert ran.code == 1 and standings(ran)["SHA256SUMS.sig ← SHA256SUMS"] == CHANGED
+    code, links = verified(station, session, "--signers", signers)
+    assert (code, links["SHA256SUMS.sig ← SHA256SUMS"]) == (1, CHANGED)
 
 
 @needs_ssh_keygen
@@ -267,8 +264,8 @@ def test_signers_expect_a_signature_of_their_key(session: Path, tmp_path: Path, 
     ran = station("verify", session, "--signers", allow(tmp_path, key))
     assert ran.code == 1 and ran.out.startswith("SHA256SUMS.sig ← SHA256SUMS: missing")
     signers, other = allow(tmp_path, key), make_key(tmp_path / "other_key")
-    ran = station("verify", session, "--sign", other, "--signers", signers, "--format", "json")
-    assert ran.code == 1 and standings(ran)["SHA256SUMS.sig ← SHA256SUMS"] == CHANGED
+    code, links = verified(station, session, "--sign", other, "--signers", signers)
+    assert (code, links["SHA256SUMS.sig ← SHA256SUMS"]) == (1, CHANGED)
     assert_refused(station("verify", session, "--signers", tmp_path / "missing"), 1, ChainCode.NO_SIGNERS)
 
 
@@ -324,8 +321,8 @@ def test_an_edited_journal_is_changed(journal: Path, station: Station, name: str
     lines = journal.read_bytes().splitlines(keepends=True)
     EDITS[name](lines)
     journal.write_bytes(b"".join(lines))
-    ran = station("verify", journal.parent, "--format", "json")
-    assert ran.code == 1 and standings(ran)[JOURNAL_FILE] == CHANGED
+    code, links = verified(station, journal.parent)
+    assert (code, links[JOURNAL_FILE]) == (1, CHANGED)
 
 
 def test_a_reordered_journal_is_found_although_its_hash_was_listed_anew(journal: Path, station: Station) -> None:
@@ -354,17 +351,17 @@ def test_a_journal_may_be_longer_than_its_hash_in_the_list_and_needs_one(journal
     write_mark(journal.parent, STATIC, 5, "after the list")
     (journal.parent / CHECKSUMS_FILE).write_bytes(listed)
     journal.write_bytes(journal.read_bytes() + b'{"kind": "ver')
-    ran = station("verify", journal.parent, "--format", "json")
-    assert ran.code == 0 and standings(ran)[JOURNAL_FILE] == AS_RECORDED
+    code, links = verified(station, journal.parent)
+    assert (code, links[JOURNAL_FILE]) == (0, AS_RECORDED)
     (journal.parent / CHECKSUMS_FILE).unlink()
-    ran = station("verify", journal.parent, "--format", "json")
-    assert ran.code == 1 and standings(ran)[CHECKSUMS_FILE] == MISSING
+    code, links = verified(station, journal.parent)
+    assert (code, links[CHECKSUMS_FILE]) == (1, MISSING)
 
 
 def test_added_missing_and_changed_files_of_subfolders_are_named(session: Path, station: Station) -> None:
     assert station("export", session / STATIC, "--to", "csv", "--output", session / "tables").code == 0
     (name,) = (path.name for path in (session / "tables").glob("*force*.csv"))
-    assert standings(station("verify", session, "--format", "json"))[f"tables/{name}"] == AS_RECORDED
+    assert verified(station, session)[1][f"tables/{name}"] == AS_RECORDED
     (session / "tables" / name).rename(session / "tables" / "other.csv")
     (session / "cuff-x_test-static_run-1.mcap").write_bytes(b"")
     in_no_list = (".hidden", "tables/.hidden", ".folder/notes", ".full.lock", ".a.lock/notes", "._folder/notes")
@@ -379,10 +376,9 @@ def test_added_missing_and_changed_files_of_subfolders_are_named(session: Path, 
     (session / ".draft-1" / "cuffs.json").write_text("half")
     if os.name != "nt":
         (session / "linked").symlink_to(session.parent)
-    ran = station("verify", session, "--format", "json")
-    found = standings(ran)
+    code, found = verified(station, session)
     assert found.get("linked", Standing.ADDED) == Standing.ADDED
-    assert ran.code == 1 and found[f"tables/{name}"] == MISSING
+    assert (code, found[f"tables/{name}"]) == (1, MISSING)
     added = {"tables/other.csv", "cuff-x_test-static_run-1.mcap", *in_no_list}
     assert {name for name, standing in found.items() if standing == Standing.ADDED} - {"linked"} == added
 

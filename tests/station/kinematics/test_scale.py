@@ -61,6 +61,13 @@ def run(folder: Path, station: Station, **parts: str) -> tuple[int, str]:
     return run_verb(station, *files, "--model", given.pop("model", "bundled"), verb="scale")
 
 
+def scaled(folder: Path, setup: str, model: str = "bundled") -> ScaledBody:
+    """By this set-up and a trial of five frames."""
+    trial(folder, frames=5)
+    (folder / "scale.xml").write_text(setup, encoding="utf-8")
+    return scale_body(ScaleInputs(folder / "scale.xml", model))
+
+
 def test_markers_of_the_models_own_size_leave_it_as_it_is(tmp_path: Path, station: Station) -> None:
     trial(tmp_path, frames=5)
     code, printed = run(tmp_path, station)
@@ -117,11 +124,8 @@ def test_a_wrong_set_up_is_one_sentence(parts: dict[str, str], said: str, tmp_pa
 
 
 def test_a_wrong_manual_factor_is_not_attributed_to_markers(tmp_path: Path) -> None:
-    trial(tmp_path, frames=5)
-    text = own_setup().replace("1.1 1 1", "100 100 100")
-    (tmp_path / "scale.xml").write_text(text, encoding="utf-8")
     with raises_refusal(KinematicsCode.WRONG_MANUAL_FACTOR, kind=KinematicsError):
-        scale_body(ScaleInputs(tmp_path / "scale.xml", "bundled"))
+        scaled(tmp_path, own_setup().replace("1.1 1 1", "100 100 100"))
 
 
 @pytest.mark.shared
@@ -176,15 +180,10 @@ def test_markers_are_placed_in_the_time_and_the_file_of_the_marker_placer(tmp_pa
 def test_what_the_set_up_has_and_is_not_used_is_a_finding(tmp_path: Path) -> None:
     trial(tmp_path, frames=30)
     more = "<max_marker_movement>{}</max_marker_movement><output_marker_file>x</output_marker_file><sort>fast</sort>"
-    (finding,) = [
-        finding
-        for finding in placed(tmp_path, "0 0.05", more=more.format(0.1)).findings
-        if finding.code == KinematicsCode.UNUSED_ELEMENTS
-    ]
-    assert [part.split(">")[0] for part in str(finding.figures["elements"]).split(", ")] == [
-        "<max_marker_movement",
-        "<sort",
-    ]
+    found = placed(tmp_path, "0 0.05", more=more.format(0.1)).findings
+    (figures,) = [finding.figures for finding in found if finding.code == KinematicsCode.UNUSED_ELEMENTS]
+    elements = [part.split(">")[0] for part in str(figures["elements"]).split(", ")]
+    assert elements == ["<max_marker_movement", "<sort"]
     found = placed(tmp_path, "0 0.05", "C:\\lab\\trial.trc", more.format(-1).replace("<sort>fast</sort>", "")).findings
     codes = [finding.code for finding in found]
     assert KinematicsCode.UNUSED_ELEMENTS not in codes and KinematicsCode.FILE_ELSEWHERE in codes
@@ -201,20 +200,16 @@ def test_what_the_set_up_has_and_is_not_used_is_a_finding(tmp_path: Path) -> Non
     ],
 )
 def test_a_body_or_a_marker_that_the_model_lacks_is_a_finding(tmp_path: Path, old: str, new: str, named: str) -> None:
-    trial(tmp_path, frames=5)
-    text = own_setup()
     body = "<BodyScaleSet><objects><BodyScale name='ulna'><axes>Y</axes></BodyScale></objects></BodyScaleSet>"
     pairs = f"<MarkerPairSet><objects>{PAIR.format(one=on_humerus()[0], other='of_no_body')}</objects></MarkerPairSet>"
     other = f"<Measurement name='other'>{pairs}{body}</Measurement>"
-    (tmp_path / "scale.xml").write_text(text.replace(old, new.replace("{}", old).replace("{more}", other)))
-    made = scale_body(ScaleInputs(tmp_path / "scale.xml", "bundled"))
+    made = scaled(tmp_path, own_setup().replace(old, new.replace("{}", old).replace("{more}", other)))
     (finding,) = [finding for finding in made.findings if finding.code == KinematicsCode.NOT_IN_MODEL]
     assert finding.figures["names"] == named
     assert made.factors["humerus"] == pytest.approx([1.0, 1.0, 1.0])
 
 
 def test_markers_on_bodies_that_the_model_lacks_are_findings(tmp_path: Path) -> None:
-    trial(tmp_path, frames=5)
     marker = "<Marker name='{}'><socket_parent_frame>/bodyset/patella_r</socket_parent_frame><location/></Marker>"
     model = Xml.tostring(osim_document(MODEL), encoding="unicode").replace(
         "</Marker>", f"</Marker>{marker.format('PAT')}", 1
@@ -223,9 +218,7 @@ def test_markers_on_bodies_that_the_model_lacks_are_findings(tmp_path: Path) -> 
     objects = f"<MarkerSet><objects>{marker.format('KNE')}</objects></MarkerSet>"
     (tmp_path / "set.xml").write_text(f"<OpenSimDocument Version='40000'>{objects}</OpenSimDocument>")
     maker = "<GenericModelMaker><marker_set_file>set.xml</marker_set_file></GenericModelMaker><ModelScaler>"
-    text = own_setup()
-    (tmp_path / "scale.xml").write_text(text.replace("<ModelScaler>", maker))
-    made = scale_body(ScaleInputs(tmp_path / "scale.xml", str(tmp_path / "model.osim")))
+    made = scaled(tmp_path, own_setup().replace("<ModelScaler>", maker), str(tmp_path / "model.osim"))
     found = [finding.figures["markers"] for finding in made.findings if finding.code == KinematicsCode.UNATTACHED]
     assert found == ["PAT", "KNE"]
     solved = solve_postures(IkInputs(str(tmp_path / "model.osim"), tmp_path / "trial.trc", None))
@@ -233,11 +226,8 @@ def test_markers_on_bodies_that_the_model_lacks_are_findings(tmp_path: Path) -> 
 
 
 def test_a_document_whose_root_is_the_tool_is_read(tmp_path: Path) -> None:
-    trial(tmp_path, frames=5)
-    text = own_setup("")
-    text = text.replace('<OpenSimDocument Version="40000">', "").replace("</OpenSimDocument>", "")
-    (tmp_path / "scale.xml").write_text(text, encoding="utf-8")
-    assert scale_body(ScaleInputs(tmp_path / "scale.xml", "bundled")).factors["humerus"] == pytest.approx([1, 1, 1])
+    text = own_setup("").replace('<OpenSimDocument Version="40000">', "").replace("</OpenSimDocument>", "")
+    assert scaled(tmp_path, text).factors["humerus"] == pytest.approx([1, 1, 1])
 
 
 @pytest.fixture
