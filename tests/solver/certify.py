@@ -5,20 +5,15 @@ Nothing but the bundled table goes in, so the figures carry its attribution; mus
 activation dynamics, and coordinates are set as they are, without assembling the constraint.
 """
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import opensim
-from numpy.typing import NDArray
 
 from solver.bundled import bundled_model
-from solver.model import AxisMotion, Model, MovingPathPoint, Muscle, PathPoint, Placement, WrapSurface
-
-Array = NDArray[np.float64]
+from solver.model import Array, AxisMotion, Model, MovingPathPoint, Muscle, PathPoint, Placement, WrapSurface
 
 CERTIFIED = Path(__file__).with_name("certified.json")
 STATES = 20
@@ -207,7 +202,7 @@ def build(model: Model) -> Any:
         osim.addBody(frames[-1])
     for joint in model.joints:
         _add_joint(osim, model, joint, frames)
-    surfaces = [_add_surface(frames[surface.body], surface) for surface in model.surfaces]
+    surfaces = [add_surface(frames[surface.body], surface) for surface in model.surfaces]
     for constraint in model.constraints:
         ends = (frames[constraint.body_1], _vec3(constraint.location_1))
         others = (frames[constraint.body_2], _vec3(constraint.location_2))
@@ -279,7 +274,7 @@ def _spatial_transform(model: Model, motion: AxisMotion) -> Any:
     return transform
 
 
-def _add_surface(body: Any, surface: WrapSurface) -> Any:
+def add_surface(body: Any, surface: WrapSurface) -> Any:
     if surface.kind == "ellipsoid":
         made = opensim.WrapEllipsoid()
         made.set_dimensions(_vec3(surface.dimensions))

@@ -1,7 +1,5 @@
 """Formulas in text: values by hand, and none that takes long."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline

@@ -1,6 +1,7 @@
-"""Figures that no muscle can have are refused with the names of muscle and figure; OpenSim refuses the same."""
+"""Curves and forces of muscles, and figures that no muscle can have, which OpenSim refuses, too.
 
-from __future__ import annotations
+Active and passive forces of taut and pennate muscles are those of OpenSim: tests/solver/test_certified.py.
+"""
 
 from dataclasses import fields, replace
 from typing import Any
@@ -11,6 +12,8 @@ import pytest
 from solver.bundled import bundled_model
 from solver.errors import SolverCode
 from solver.functions.muscle_curves import Curves, DeGrooteFreglyCurves, MillardCurves, ThelenCurves, outside_of_curves
+from solver.model import Model
+from solver.muscle import muscle_forces
 from tests.refusals import raises_refusal
 
 CURVES, THELEN = MillardCurves(minimum=0.0), ThelenCurves()
@@ -41,12 +44,6 @@ def test_the_curves_go_through_the_values_of_opensim() -> None:
 def test_beyond_its_ends_a_curve_is_straight(curve, ends, values, slopes) -> None:  # type: ignore[no-untyped-def]
     for end, value, slope, outward in zip(ends, values, slopes, (-0.3, 0.3), strict=True):
         assert np.allclose(curve(np.array([end, end + outward])), [value, value + slope * outward], atol=1e-14)
-
-
-def test_a_curve_has_no_jump_where_its_corners_meet() -> None:
-    x = np.linspace(-1.1, 2.0, 200_001)
-    for curve in (CURVES.active_force_length, CURVES.force_velocity, CURVES.passive_force_length):
-        assert np.abs(np.diff(curve(x))).max() < 5.01 * (x[1] - x[0])
 
 
 def test_a_curve_has_the_figures_it_was_given() -> None:
@@ -163,3 +160,33 @@ def builds(opensim: Any, curves: MillardCurves) -> bool:
     except RuntimeError:
         return False
     return True
+
+
+def _with_pennation(pennation: float, steepest: float = MUSCLE.maximum_pennation) -> Model:
+    fiber = {"max_isometric_force": 100.0, "optimal_fiber_length": 0.1, "tendon_slack_length": 0.2}
+    muscle = replace(MUSCLE, **fiber, pennation_at_optimal=pennation, maximum_pennation=steepest)
+    return replace(bundled_model(), muscles=(muscle,))
+
+
+def test_a_slack_muscle_whose_shortest_fibre_still_pulls_has_its_isometric_force_at_any_speed() -> None:
+    """At a pennation of at most 0.7, the fibre is never shorter than 0.1 m sin(0.4) / sin(0.7) = 0.060 m."""
+    model = _with_pennation(0.4, steepest=0.7)
+    slack = muscle_forces(model, np.full((3, 1), 0.1), np.array([[-0.5], [0.0], [0.5]])).active[:, 0]
+    taut = muscle_forces(model, np.array([[0.2 + 0.1 * np.sin(0.4) / np.tan(0.7)]]), np.zeros((1, 1))).active[0, 0]
+    assert slack.tolist() == pytest.approx([taut] * 3, rel=1e-13)
+    assert taut > 10.0
+
+
+def test_muscles_with_different_curves_are_in_the_models_order_and_one_of_thelen_may_be_idle() -> None:
+    """Below its shortest fibre; a model without muscles has no forces."""
+    millard = _with_pennation(0.1).muscles[0]
+    thelen = replace(millard, curves=ThelenCurves())
+    mixed = replace(bundled_model(), muscles=(thelen, millard, thelen))
+    length, speed = np.array([0.15, 0.31, 0.31, 0.31])[:, None], np.linspace(-0.3, 0.3, 4)[:, None]
+    forces = muscle_forces(mixed, np.tile(length, 3), np.tile(speed, 3))
+    for index, muscle in enumerate(mixed.muscles):
+        alone = muscle_forces(replace(mixed, muscles=(muscle,)), length, speed)
+        assert np.array_equal(forces.active[:, index], alone.active[:, 0])
+        assert np.array_equal(forces.passive[:, index], alone.passive[:, 0])
+    assert forces.active[0, 0] == 0.0 and forces.active[1, 0] > 50.0
+    assert muscle_forces(replace(mixed, muscles=()), np.zeros((3, 0)), np.zeros((3, 0))).active.shape == (3, 0)

@@ -1,30 +1,48 @@
-"""Paths pulled taut over the surfaces of a person: forces and speeds are derivatives of lengths, and nothing jumps."""
+"""Paths over points and pulled taut over surfaces: forces and speeds are derivatives of lengths, and nothing jumps."""
 
-from __future__ import annotations
-
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.special import ellipe, ellipeinc
 
 from solver.bundled import bundled_model, simulate_arm_raise
+from solver.errors import SolverCode
 from solver.functions.coordinate_functions import polynomial
-from solver.model import Model, MovingPathPoint, Path, Placement, WrapSurface
+from solver.model import (
+    GROUND,
+    Array,
+    ConditionalPathPoint,
+    Model,
+    MovingPathPoint,
+    Path,
+    PathWrap,
+    Placement,
+    WrapSurface,
+)
 from solver.motion import decimate, differentiate, read_motion
-from solver.multibody.postures import jacobians, postures, rates_of_coordinates, speeds_from_rates
-from solver.muscle import evaluate_paths, muscle_forces
+from solver.multibody.postures import Postures, jacobians, postures, rates_of_coordinates, speeds_from_rates
+from solver.muscle import PathMode, PathState, evaluate_paths, muscle_forces
 from solver.osim.model_reader import read_osim
 from solver.redundancy.effort import RedundancyOptions
 from solver.redundancy.mechanics import evaluate_motion
 from solver.redundancy.motion_solution import LoadedMotion, solve_motion
 from solver.suit.scenarios import prepare_suited_motion
 from solver.suit.suit import BUNDLED_SUIT, read_suit
+from tests.refusals import raises_refusal
 from tests.solver.references import NO_WEIGHT, SHARED, TWO_KILOGRAM_WEIGHT
-from tests.solver.wrapping.laid import cylinder, ellipsoid, lengths_over, lines_through, point, sphere, straight_lengths
-
-Array = NDArray[np.float64]
+from tests.solver.wrapping.laid import (
+    at_angle,
+    cylinder,
+    ellipsoid,
+    lengths_over,
+    lines_through,
+    point,
+    sphere,
+    straight_lengths,
+    unrolled,
+)
 
 MODEL = bundled_model()
 RANDOM = np.random.default_rng(3)
@@ -40,8 +58,24 @@ NEAR_CENTRE = [  # semi-axes, start, end: heights over the line mislead
 ]
 
 
-def _lengths(model: Model, coordinates: Array, paths: list[Path] | None = None) -> Array:
-    return evaluate_paths(model, postures(model, coordinates, np.zeros_like(coordinates)), paths, "geodesic").lengths
+MODES = pytest.mark.parametrize("mode", ["opensim", "geodesic"])
+HAND, THORAX, HUMERUS = (MODEL.body_index(name) for name in ("hand", "thorax", "humerus"))
+ELEVATION = MODEL.coordinate_index("shoulder_elv")
+ON_THORAX = point(THORAX, (0.0, 0.3, 0.0)), point(THORAX, (0.2, 0.0, 0.1))
+LINES = (polynomial([0.0, 0.02]), polynomial([0.1, -0.03, 0.02]), polynomial([0.0, 0.01]))
+MOVER = MovingPathPoint(THORAX, Placement(np.eye(3), np.zeros(3)), ELEVATION, LINES, (-0.5, 1.0))
+CORD = Path((point(GROUND, (0.1, 0.2, 0.3)), point(THORAX, (0.0, -0.1, 0.2)), point(HAND, (0.0, -0.05, 0.0))), ())
+WITHIN = Path((ON_THORAX[0], MOVER, ON_THORAX[1]), ())
+TO_HUMERUS = Path((MOVER, point(HUMERUS, (0.0, -0.1, 0.0))), ())
+BOUNDLESS = Path((replace(MOVER, range=(-9.0, 9.0)), *TO_HUMERUS.points[1:]), ())
+
+
+def _lengths(model: Model, coordinates: Array, paths: list[Path] | None = None, mode: PathMode = "geodesic") -> Array:
+    return evaluate_paths(model, postures(model, coordinates, np.zeros_like(coordinates)), paths, mode).lengths
+
+
+def _length(surfaces: list[WrapSurface], *line: Array) -> float:
+    return float(lengths_over(surfaces, [line], mode="geodesic")[0])
 
 
 def _random_coordinates(model: Model, frames: int) -> Array:
@@ -49,14 +83,18 @@ def _random_coordinates(model: Model, frames: int) -> Array:
     return coordinates
 
 
-def _mismatch(model: Model, coordinates: Array, paths: list[Path] | None = None) -> Array:
+def _forces(model: Model, state: Postures, laid: PathState) -> Array:
+    """(frames, paths, coordinates) generalised forces of a unit tension."""
+    return np.einsum("fpbi,fbij->fpj", laid.wrench_per_tension, jacobians(model, state)) + laid.mobility_per_tension
+
+
+def _mismatch(model: Model, coordinates: Array, paths: list[Path] | None = None, mode: PathMode = "geodesic") -> Array:
     """(frames, paths) max |Q + dL/dq|, Q being the generalised forces of a unit tension, by central differences."""
     state = postures(model, coordinates, np.zeros_like(coordinates))
-    laid = evaluate_paths(model, state, paths, "geodesic")
-    forces = np.einsum("fpbi,fbij->fpj", laid.wrench_per_tension, jacobians(model, state)) + laid.mobility_per_tension
+    forces = _forces(model, state, evaluate_paths(model, state, paths, mode))
     slopes = np.empty_like(forces)
     for k, step in enumerate(STEP * np.eye(coordinates.shape[1])):
-        ahead, back = _lengths(model, coordinates + step, paths), _lengths(model, coordinates - step, paths)
+        ahead, back = (_lengths(model, coordinates + side, paths, mode) for side in (step, -step))
         slopes[..., k] = (ahead - back) / (2 * STEP)
     rates, _ = rates_of_coordinates(model, state)
     mismatch: Array = np.abs(forces + slopes @ rates).max(axis=-1)
@@ -82,30 +120,82 @@ def test_forces_are_the_derivative_of_lengths_throughout_the_published_motions(m
     assert _mismatch(model, moved[::25]).max() < 1e-8
 
 
-def test_a_moving_point_pulls_at_its_coordinate_also_within_one_body_and_stops_at_the_end_of_its_range() -> None:
-    elevation, thorax = MODEL.coordinate_index("shoulder_elv"), MODEL.body_index("thorax")
-    lines = (polynomial([0.0, 0.02]), polynomial([0.1, -0.03, 0.02]), polynomial([0.0, 0.01]))
-    mover = MovingPathPoint(thorax, Placement(np.eye(3), np.zeros(3)), elevation, lines, (-0.5, 1.0))
-    path = Path((point(thorax, (0.0, 0.3, 0.0)), mover, point(thorax, (0.2, 0.0, 0.1))), ())
+@pytest.mark.parametrize(
+    ("mode", "paths", "raised"),
+    [
+        ("geodesic", [CORD, WITHIN, TO_HUMERUS], (-0.7, 0.2, 0.8, 1.4)),
+        ("opensim", [CORD, TO_HUMERUS], (-0.3, 0.2, 0.8, 0.9)),
+    ],
+)
+def test_a_moving_point_pulls_at_its_coordinate_also_within_one_body_and_stops_at_the_end_of_its_range(
+    mode: PathMode, paths: list[Path], raised: tuple[float, ...]
+) -> None:
+    """OpenSim's pulls at its coordinate only between two bodies, and also beyond its range."""
     coordinates = _random_coordinates(MODEL, 4)
-    coordinates[:, elevation] = -0.7, 0.2, 0.8, 1.4
-    assert _mismatch(MODEL, coordinates, [path]).max() < 1e-8
+    coordinates[:, ELEVATION] = raised
+    assert _mismatch(MODEL, coordinates, paths, mode).max() < 1e-8
+    coordinates = np.tile(coordinates[0], (4, 1))
+    coordinates[:, ELEVATION] = -0.7, -0.5, 1.4, 1.0
+    below, lowest, above, highest = _lengths(MODEL, coordinates, [WITHIN], mode)[:, 0]
+    assert (below, above) == (lowest, highest)
 
 
-def test_speeds_are_the_work_of_the_forces() -> None:
+def test_a_conditional_point_is_passed_only_within_its_range() -> None:
+    start, end = point(THORAX, (0.0, 0.0, 0.0)), point(THORAX, (0.2, 0.0, 0.0))
+    detour = ConditionalPathPoint(THORAX, np.array([0.1, 0.1, 0.0]), ELEVATION, (0.5, 1.0))
+    raised = np.tile(MODEL.default_coordinates, (4, 1))
+    raised[:, ELEVATION] = 0.4, 0.5 - 5e-6, 0.7, 1.1
+    lengths = _lengths(MODEL, raised, [Path((start, detour, end), ())], "opensim")[:, 0]
+    assert np.allclose(lengths, [0.2, 0.02**0.5 * 2, 0.02**0.5 * 2, 0.2], atol=1e-14)
+
+
+@pytest.mark.parametrize(("mode", "paths"), [("geodesic", None), ("opensim", [CORD, BOUNDLESS])])
+def test_speeds_are_the_work_of_the_forces(mode: PathMode, paths: list[Path] | None) -> None:
     coordinates = _random_coordinates(MODEL, 40)
     speeds = speeds_from_rates(MODEL, coordinates, RANDOM.normal(size=coordinates.shape))
     state = postures(MODEL, coordinates, speeds)
-    laid = evaluate_paths(MODEL, state, mode="geodesic")
-    forces = np.einsum("fpbi,fbij->fpj", laid.wrench_per_tension, jacobians(MODEL, state)) + laid.mobility_per_tension
-    assert np.allclose(laid.speeds, -np.einsum("fpj,fj->fp", forces, speeds), rtol=0, atol=1e-12)
+    laid = evaluate_paths(MODEL, state, paths, mode)
+    work = np.einsum("fpj,fj->fp", _forces(MODEL, state, laid), speeds)
+    assert np.allclose(laid.speeds, -work, rtol=0, atol=1e-12)
 
 
-def test_a_path_pulls_the_bodies_together_in_equilibrium() -> None:
-    """Moments too: where the path runs over a surface it is in equilibrium with the surface's body."""
+@pytest.mark.parametrize(("mode", "tolerance"), [("geodesic", 1e-12), ("opensim", 1e-14)])
+def test_a_path_pulls_the_bodies_together_in_equilibrium(mode: PathMode, tolerance: float) -> None:
+    """Moments too: where the path runs over a surface it is in equilibrium with the surface's body, but in OpenSim."""
     coordinates = _random_coordinates(MODEL, 40)
-    laid = evaluate_paths(MODEL, postures(MODEL, coordinates, np.zeros_like(coordinates)), mode="geodesic")
-    assert np.abs(laid.wrench_per_tension.sum(axis=2)).max() < 1e-12
+    laid = evaluate_paths(MODEL, postures(MODEL, coordinates, np.zeros_like(coordinates)), mode=mode)
+    total, straight = laid.wrench_per_tension.sum(axis=2), [not muscle.path.wraps for muscle in MODEL.muscles]
+    assert np.abs(total[..., 3:]).max() < tolerance
+    assert np.abs(total if mode == "geodesic" else total[:, straight]).max() < tolerance
+
+
+def test_points_on_one_body_pull_on_nothing() -> None:
+    within = Path((point(HAND, (0.0, 0.0, 0.0)), point(HAND, (0.1, 0.0, 0.0))), ())
+    coordinates = _random_coordinates(MODEL, 8)
+    state = evaluate_paths(MODEL, postures(MODEL, coordinates, RANDOM.normal(size=coordinates.shape)), [within])
+    assert state.lengths == pytest.approx(0.1)
+    assert not state.wrench_per_tension.any()
+    assert np.abs(state.speeds).max() < 1e-15
+    with pytest.raises(ValueError, match="read-only"):
+        state.lengths[0, 0] = 0.0
+
+
+def test_a_path_that_does_not_fit_the_model_is_refused() -> None:
+    beginning, nowhere = point(GROUND, (0.0, 0.0, 0.0)), point(99, (0.0, 0.0, 0.0))
+    state = postures(MODEL, MODEL.default_coordinates[None], np.zeros((1, len(MODEL.coordinates))))
+    for path, naming in (
+        (Path((beginning,), ()), "1 point"),
+        (Path((beginning, nowhere), ()), "body 99"),
+        (Path((beginning, replace(MOVER, coordinate=99)), ()), "coordinate 99"),
+        (Path((beginning, beginning), (PathWrap(99, "hybrid"),)), "surface 99"),
+    ):
+        with raises_refusal(SolverCode.WRONG_PATH, naming):
+            evaluate_paths(MODEL, state, [path])
+    torus = replace(MODEL.surfaces[0], kind="torus", dimensions=np.array([0.01, 0.05, 0.0]))
+    model, path = replace(MODEL, surfaces=(torus, *MODEL.surfaces[1:])), replace(CORD, wraps=(PathWrap(0, "hybrid"),))
+    assert np.isfinite(evaluate_paths(model, state, [path]).lengths).all()
+    with raises_refusal(SolverCode.UNSUPPORTED):
+        evaluate_paths(model, state, [path], mode="geodesic")
 
 
 def test_raising_the_arm_in_tiny_steps_no_length_jumps_and_no_moment_arm_either() -> None:
@@ -114,11 +204,9 @@ def test_raising_the_arm_in_tiny_steps_no_length_jumps_and_no_moment_arm_either(
     nodes = kinematics.positions[:: max(len(kinematics.positions) // 12, 1)]
     sweep = np.concatenate([np.linspace(a, b, 100, endpoint=False) for a, b in pairwise(nodes)])
     steps = np.diff(sweep, axis=0)
-    before = evaluate_paths(
-        MODEL, postures(MODEL, sweep[:-1], speeds_from_rates(MODEL, sweep[:-1], steps)), mode="geodesic"
-    )
-    behind = evaluate_paths(
-        MODEL, postures(MODEL, sweep[1:], speeds_from_rates(MODEL, sweep[1:], steps)), mode="geodesic"
+    before, behind = (
+        evaluate_paths(MODEL, postures(MODEL, part, speeds_from_rates(MODEL, part, steps)), mode="geodesic")
+        for part in (sweep[:-1], sweep[1:])
     )
     change = behind.lengths - before.lengths
     straight = evaluate_paths(MODEL, postures(MODEL, sweep, np.zeros_like(sweep)), _without_surfaces(MODEL)).lengths
@@ -127,16 +215,18 @@ def test_raising_the_arm_in_tiny_steps_no_length_jumps_and_no_moment_arm_either(
     assert np.abs(change - (before.speeds + behind.speeds) / 2).max() < 1e-7
 
 
-def test_frames_are_independent_and_other_paths_may_be_evaluated() -> None:
+@MODES
+def test_frames_are_independent_and_other_paths_may_be_evaluated(mode: PathMode) -> None:
     coordinates = _random_coordinates(MODEL, 6)
-    forwards, order = _lengths(MODEL, coordinates), RANDOM.permutation(6)
-    assert np.array_equal(forwards[order], _lengths(MODEL, coordinates[order]))
-    assert np.array_equal(forwards, np.concatenate([_lengths(MODEL, frame[None]) for frame in coordinates]))
+    forwards, order = _lengths(MODEL, coordinates, mode=mode), RANDOM.permutation(6)
+    assert np.array_equal(forwards[order], _lengths(MODEL, coordinates[order], mode=mode))
+    single = [_lengths(MODEL, frame[None], mode=mode) for frame in coordinates]
+    assert np.array_equal(forwards, np.concatenate(single))
     infraspinatus = MODEL.muscle_names.index("Infraspinatus_I")
-    one = _lengths(MODEL, coordinates, [MODEL.muscles[infraspinatus].path])
+    one = _lengths(MODEL, coordinates, [MODEL.muscles[infraspinatus].path], mode)
     assert np.array_equal(one[:, 0], forwards[:, infraspinatus])
-    assert _lengths(MODEL, coordinates, []).shape == (6, 0)
-    assert _lengths(MODEL, coordinates[:0]).shape == (0, len(MODEL.muscles))
+    assert _lengths(MODEL, coordinates, [], mode).shape == (6, 0)
+    assert _lengths(MODEL, coordinates[:0], mode=mode).shape == (0, len(MODEL.muscles))
 
 
 def test_it_lays_most_paths_as_opensim_does() -> None:
@@ -174,10 +264,6 @@ def _without_surfaces(model: Model) -> list[Path]:
 # Paths pulled taut over one surface or two, against what geometry says of them.
 
 
-def _length(surfaces: list[WrapSurface], *line: Array) -> float:
-    return float(lengths_over(surfaces, [line], mode="geodesic")[0])
-
-
 def _over_sphere(lines: Array) -> Array:
     """Two tangents and an arc of a great circle, where the straight line would pierce the sphere."""
     start, end = lines[:, 0], lines[:, 1]
@@ -185,10 +271,6 @@ def _over_sphere(lines: Array) -> Array:
     arc = np.arccos(np.sum(start * end, axis=1) / away.prod(axis=1)) - np.arccos(RADIUS / away).sum(axis=1)
     laid: Array = np.sqrt(away**2 - RADIUS**2).sum(axis=1) + RADIUS * arc
     return np.where(arc > 0, laid, straight_lengths(lines))
-
-
-def _at(angle: float, distance: float, height: float) -> Array:
-    return np.array([distance * np.cos(angle), distance * np.sin(angle), height])
 
 
 def _shortest_section(radii: Array, line: Array) -> float:
@@ -220,13 +302,6 @@ def _shortest_section(radii: Array, line: Array) -> float:
     return float(np.linalg.norm(np.diff(corners, axis=1), axis=-1).sum(axis=1).min())
 
 
-def _unrolled(start: Array, end: Array, opening: float) -> float:
-    """Over a cylinder, in the plane: tangents and arc in line, the rise across them."""
-    away = np.array([np.hypot(*start[:2]), np.hypot(*end[:2])])
-    around = np.sqrt(away**2 - RADIUS**2).sum() + RADIUS * (opening - np.arccos(RADIUS / away).sum())
-    return float(np.hypot(around, end[2] - start[2]))
-
-
 def test_over_a_sphere_it_is_two_tangents_and_a_great_circle() -> None:
     lines = lines_through(RADIUS, 4.0, 200)
     found = lengths_over([sphere(RADIUS)], lines, mode="geodesic")
@@ -243,23 +318,25 @@ def test_through_the_middle_of_a_sphere_it_goes_round_like_its_neighbours() -> N
 
 @pytest.mark.parametrize("rise", [0.0, 0.03, 0.3])
 def test_over_a_cylinder_it_is_straight_once_unrolled(rise: float) -> None:
-    start, end = _at(0.1, 0.06, -0.2 * rise), _at(2.8, 0.09, 0.8 * rise)
-    assert _length([cylinder(RADIUS, 1.0)], start, end) == pytest.approx(_unrolled(start, end, 2.7), abs=1e-15)
+    start, end = at_angle(0.1, 0.06, -0.2 * rise), at_angle(2.8, 0.09, 0.8 * rise)
+    assert _length([cylinder(RADIUS, 1.0)], start, end) == pytest.approx(unrolled(RADIUS, start, end, 2.7), abs=1e-15)
 
 
 def test_a_cylinder_s_quadrant_sends_it_round_by_the_allowed_side() -> None:
-    start, end = _at(-1.7, 0.09, 0.0), _at(1.8, 0.08, 0.02)
+    start, end = at_angle(-1.7, 0.09, 0.0), at_angle(1.8, 0.08, 0.02)
     allowed, forbidden = (_length([cylinder(RADIUS, 1.0, quadrant)], start, end) for quadrant in ("+x", "-x"))
-    assert allowed == pytest.approx(_unrolled(start, end, 3.5), abs=1e-15)
-    assert forbidden == pytest.approx(_unrolled(start, end, 2 * np.pi - 3.5), abs=1e-15)
+    assert allowed == pytest.approx(unrolled(RADIUS, start, end, 3.5), abs=1e-15)
+    assert forbidden == pytest.approx(unrolled(RADIUS, start, end, 2 * np.pi - 3.5), abs=1e-15)
 
 
 @pytest.mark.parametrize("surface", [sphere, lambda radius, quadrant: ellipsoid([radius] * 3, quadrant)])
 def test_a_sphere_s_quadrant_sends_it_round_by_the_allowed_side(surface) -> None:  # type: ignore[no-untyped-def]
     start, end = np.array([-0.09, 0.01, 0.0]), np.array([0.08, -0.001, 0.0])
     opening = np.arccos(start @ end / np.linalg.norm(start) / np.linalg.norm(end))
-    assert _length([surface(RADIUS, "+y")], start, end) == pytest.approx(_unrolled(start, end, opening), abs=1e-12)
-    long_way = _unrolled(start, end, 2 * np.pi - opening)
+    assert _length([surface(RADIUS, "+y")], start, end) == pytest.approx(
+        unrolled(RADIUS, start, end, opening), abs=1e-12
+    )
+    long_way = unrolled(RADIUS, start, end, 2 * np.pi - opening)
     assert _length([sphere(RADIUS, "-y")], start, end) == pytest.approx(long_way, abs=1e-12)
 
 
@@ -374,7 +451,7 @@ def test_a_cylinder_is_passed_beyond_its_ends() -> None:
 
 
 def test_a_quadrant_along_a_cylinder_s_axis_allows_all_ways_round() -> None:
-    start, end = _at(0.2, 0.09, 0.0), _at(2.9, 0.07, 0.03)
+    start, end = at_angle(0.2, 0.09, 0.0), at_angle(2.9, 0.07, 0.03)
     assert _length([cylinder(RADIUS, 1.0, "-z")], start, end) == _length([cylinder(RADIUS, 1.0)], start, end)
 
 

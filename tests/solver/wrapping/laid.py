@@ -1,19 +1,17 @@
 """Paths between points of the ground over surfaces of the ground: all that a surface's geometry needs."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from solver.model import GROUND, Body, Model, Path, PathPoint, PathWrap, Placement, WrapSurface
+from solver.model import GROUND, Array, Body, Model, Path, PathPoint, PathWrap, Placement, WrapSurface
 from solver.multibody.postures import postures
 from solver.muscle import PathMode, evaluate_paths
 
-Array = NDArray[np.float64]
 Method = Literal["hybrid", "midpoint", "axial"]
+METHODS: tuple[Method, ...] = ("hybrid", "midpoint", "axial")
 
 RANDOM = np.random.default_rng(20)
 
@@ -28,6 +26,24 @@ def cylinder(radius: float, length: float, quadrant: str = "all", centre: ArrayL
 
 def ellipsoid(radii: ArrayLike, quadrant: str = "all", centre: ArrayLike = (0, 0, 0)) -> WrapSurface:
     return _surface("ellipsoid", radii, quadrant, centre)
+
+
+def torus(tube: float, ring: float, quadrant: str = "all") -> WrapSurface:
+    return _surface("torus", (tube, ring, 0), quadrant, (0, 0, 0))
+
+
+def at_angle(angle: float, distance: float, height: float) -> Array:
+    """Of these cylindrical coordinates."""
+    return np.array([distance * np.cos(angle), distance * np.sin(angle), height])
+
+
+def unrolled(radius: float, start: Array, end: Array, opening: float) -> float:
+    """Over a cylinder, in the plane: tangents and arc in line, the rise across them; `opening` is the angle between
+    the ends' radii.
+    """
+    away = np.array([np.hypot(*start[:2]), np.hypot(*end[:2])])
+    around = np.sqrt(away**2 - radius**2).sum() + radius * (opening - np.arccos(radius / away).sum())
+    return float(np.hypot(around, end[2] - start[2]))
 
 
 def lengths_over(
@@ -70,7 +86,7 @@ def bare_model(surfaces: tuple[WrapSurface, ...]) -> Model:
 
 
 def _surface(
-    kind: Literal["ellipsoid", "sphere", "cylinder"], dimensions: ArrayLike, quadrant: str, centre: ArrayLike
+    kind: Literal["ellipsoid", "sphere", "cylinder", "torus"], dimensions: ArrayLike, quadrant: str, centre: ArrayLike
 ) -> WrapSurface:
     placement = Placement(np.eye(3), np.asarray(centre, dtype=float))
     return WrapSurface(kind, GROUND, placement, kind, np.asarray(dimensions, dtype=float), quadrant)

@@ -3,14 +3,12 @@
 The closest point of an ellipsoid: on it, and the line to it is normal to it.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
 from solver.compiled import compiled_for_python
-from solver.vectors import Vector, read, write
+from solver.vectors import Array, Vector, read, write
 from solver.wrapping.fan import (
     ANY_AXIS,
     Fan,
@@ -21,7 +19,6 @@ from solver.wrapping.fan import (
     fan_direction,
 )
 
-Array = NDArray[np.float64]
 STOP, SPACINGS = 1e-9, 300  # of OpenSim's search, and of its blades
 SEMI_AXES = (0.7, 1.6, 0.7 + 1e-9)
 RANDOM = np.random.default_rng(8)

@@ -1,21 +1,18 @@
 """A path over several surfaces, one after the other, and against OpenSim."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
-from solver.model import WrapSurface
-from tests.solver.wrapping.laid import Method, cylinder, ellipsoid, lengths_over, sphere, straight_lengths
+from solver.model import Array, WrapSurface
+from tests.solver.wrapping.laid import METHODS, Method, cylinder, ellipsoid, lengths_over, sphere, straight_lengths
 
 LINE = np.array([[[-0.3, 0.001, 0.0], [0.3, 0.001, 0.0]]])
 opensim: Any = pytest.importorskip("opensim", reason="needs OpenSim: pip install cuffstation[oracle]")
-Array = NDArray[np.float64]
-METHODS: tuple[Method, ...] = ("hybrid", "midpoint", "axial")
+add_surface = pytest.importorskip("tests.solver.certify").add_surface
 QUADRANTS = ("all", "+x", "-x", "+y", "-y", "+z", "-z")
 PATHS_IN_A_MODEL = 12
 SMALL, ROUND = sphere(0.05, centre=(0.04, 0.03, 0.02)), ellipsoid((0.05, 0.06, 0.07), centre=(0.04, 0.03, 0.02))
@@ -105,9 +102,7 @@ def _lengths_in_opensim(surfaces: Sequence[WrapSurface], lines: Array, method: M
 def _lengths_in_one_model(surfaces: Sequence[WrapSurface], lines: Array, method: Method) -> Array:
     model = opensim.Model()
     ground = model.getGround()
-    objects = [_wrap_object(surface, f"surface_{k}") for k, surface in enumerate(surfaces)]
-    for wrap_object in objects:
-        ground.addWrapObject(wrap_object)
+    objects = [add_surface(ground, replace(surface, name=f"surface_{k}")) for k, surface in enumerate(surfaces)]
     for k, line in enumerate(lines):
         spring = opensim.PathSpring(f"path_{k}", 0.1, 1.0, 0.1)
         path = spring.updGeometryPath()
@@ -121,20 +116,3 @@ def _lengths_in_one_model(surfaces: Sequence[WrapSurface], lines: Array, method:
     model.realizePosition(state)
     springs = (opensim.PathSpring.safeDownCast(model.getForceSet().get(k)) for k in range(len(lines)))
     return np.array([spring.getLength(state) for spring in springs])
-
-
-def _wrap_object(surface: WrapSurface, name: str) -> Any:
-    if surface.kind == "ellipsoid":
-        wrap_object = opensim.WrapEllipsoid()
-        wrap_object.set_dimensions(opensim.Vec3(*surface.dimensions))
-    elif surface.kind == "sphere":
-        wrap_object = opensim.WrapSphere()
-        wrap_object.set_radius(surface.dimensions[0])
-    else:
-        wrap_object = opensim.WrapCylinder()
-        wrap_object.set_radius(surface.dimensions[0])
-        wrap_object.set_length(surface.dimensions[2])
-    wrap_object.setName(name)
-    wrap_object.set_quadrant(surface.quadrant)
-    wrap_object.set_translation(opensim.Vec3(*surface.placement.translation))
-    return wrap_object
