@@ -1,7 +1,5 @@
 """Every test here compares with OpenSim itself, which two_bodies.py imports or skips the file."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

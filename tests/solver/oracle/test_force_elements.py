@@ -1,7 +1,5 @@
 """Springs, bushings, ligaments, contact and forces of a formula against OpenSim: they count in every acceleration."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable
 from dataclasses import replace
@@ -12,20 +10,22 @@ import numpy as np
 import pytest
 
 from solver.functions.coordinate_functions import Expression
+from solver.model import Model
 from solver.osim.model_reader import read_osim
 from tests.solver.oracle.two_bodies import (
     Difference,
     along_path,
-    difference,
+    assert_written,
     difference_to,
     frame_of,
     given,
+    idle_states,
     made,
     model_with,
     opensim,
+    printed,
     random_states,
     read_back,
-    set_state,
     solvers_values,
     tilted_frame,
     vec3,
@@ -42,10 +42,6 @@ FORMULAS = [
     "a*q+b; a=b*2; b=qdot",
     "-(q-1)^2/-2*3",
 ]
-
-
-def constants(*values: float) -> list[Any]:
-    return [opensim.Constant(float(value)) for value in values]
 
 
 def between_tilted_frames(model: Any, bushing: Any) -> None:
@@ -82,49 +78,50 @@ def spring_between_points(has_offset: bool) -> Callable[[Any], Any]:
     return add
 
 
-def constant_force(is_force_global: bool, is_point_global: bool, has_offset: bool) -> Callable[[Any], Any]:
+def constant_force(has_offset: bool, **settings: Any) -> Callable[[Any], Any]:
+    """A force of constant components; without a point it acts at the origin."""
+    functions = {
+        name: tuple(opensim.Constant(float(value)) for value in values) if isinstance(values, tuple) else values
+        for name, values in {"setForceFunctions": (3, -20, 5), **settings}.items()
+    }
+
     def add(model: Any) -> None:
         frame = tilted_frame(model, "lower") if has_offset else frame_of(model, "lower")
-        force = opensim.PrescribedForce("weight", frame)
-        force.set_forceIsGlobal(is_force_global)
-        force.set_pointIsGlobal(is_point_global)
-        force.setForceFunctions(*constants(3, -20, 5))
-        force.setPointFunctions(*constants(0.1, 0.2, -0.1))
-        force.setTorqueFunctions(*constants(1, 0, -2))
-        model.addForce(given(force))
+        model.addForce(given(made("PrescribedForce", "weight", "weight", frame, **functions)))
 
     return add
-
-
-def force_without_a_point(model: Any) -> None:
-    """It acts at the origin."""
-    force = opensim.PrescribedForce("weight", frame_of(model, "lower"))
-    force.set_pointIsGlobal(True)
-    force.setForceFunctions(*constants(3, -20, 5))
-    model.addForce(given(force))
 
 
 def smooth_contact(dissipation: float) -> Callable[[Any], Any]:
+    figures = {"stiffness": 1e6, "dissipation": dissipation, "static_friction": 0.9, "dynamic_friction": 0.6}
+    figures |= {"viscous_friction": 0.2, "transition_velocity": 0.2, "constant_contact_force": 2e-5}
+    figures |= {"hertz_smoothing": 200.0, "hunt_crossley_smoothing": 40.0}
+
     def add(model: Any) -> None:
-        floor, heel = (
-            floor_of(model),
-            opensim.ContactSphere(0.1, vec3(0.02, -0.15, 0.01), frame_of(model, "lower"), "heel"),
-        )
+        floor, heel = floor_of(model), heel_of(model)
         for shape in (floor, heel):
             model.addContactGeometry(given(shape))
-        force = opensim.SmoothSphereHalfSpaceForce("smooth", heel, floor)
-        figures = {"stiffness": 1e6, "dissipation": dissipation, "static_friction": 0.9, "dynamic_friction": 0.6}
-        figures |= {"viscous_friction": 0.2, "transition_velocity": 0.2, "constant_contact_force": 2e-5}
-        figures |= {"hertz_smoothing": 200.0, "hunt_crossley_smoothing": 40.0}
-        for name, figure in figures.items():
-            getattr(force, f"set_{name}")(figure)
-        model.addForce(given(force))
+        settings = {f"set_{name}": figure for name, figure in figures.items()}
+        model.addForce(given(made("SmoothSphereHalfSpaceForce", "smooth", "smooth", heel, floor, **settings)))
 
     return add
+
+
+def hard_contact(model: Any) -> None:
+    for shape in (floor_of(model), heel_of(model)):
+        model.addContactGeometry(given(shape))
+    force = made("HuntCrossleyForce", "hard", setStiffness=1e6, setDissipation=0.5, setStaticFriction=0.8)
+    for name in ("floor", "heel"):
+        force.addGeometry(name)
+    model.addForce(given(force))
 
 
 def floor_of(model: Any) -> Any:
     return opensim.ContactHalfSpace(vec3(0.1, -0.3, 0), vec3(0.1, 0.2, -1.4), model.getGround(), "floor")
+
+
+def heel_of(model: Any) -> Any:
+    return opensim.ContactSphere(0.1, vec3(0.02, -0.15, 0.01), frame_of(model, "lower"), "heel")
 
 
 def curve_of_a_ligament() -> Any:
@@ -178,30 +175,68 @@ FORCES: dict[str, Callable[[Any], Any]] = {
     "formula between points": at_points("ExpressionBasedPointToPointForce", *ENDS, "20/d^2 + 3*ddot - 5*log(d)"),
     **{
         f"constant force, {axes} axes, {point} point, {frame}": constant_force(
-            axes == "global", point == "global", frame == "offset frame"
+            frame == "offset frame",
+            setPointFunctions=(0.1, 0.2, -0.1),
+            setTorqueFunctions=(1, 0, -2),
+            set_forceIsGlobal=axes == "global",
+            set_pointIsGlobal=point == "global",
         )
         for axes in ("global", "local")
         for point in ("global", "local")
         for frame in ("offset frame", "body")
     },
-    "constant force without a point": force_without_a_point,
+    "constant force without a point": constant_force(False, set_pointIsGlobal=True),
     "smooth contact": smooth_contact(0.0),
     "smooth contact with dissipation": smooth_contact(1.2),
+    "hard contact": hard_contact,
+}
+SPRING = {"setStiffness": 7.0, "setRestLength": 0.3, "setViscosity": 0.4}
+COORDINATE_FORCES: dict[str, Callable[[str], Any]] = {
+    "spring": lambda coordinate: made("SpringGeneralizedForce", "force", coordinate, **SPRING),
+    "limit of an angle": lambda coordinate: made(
+        "CoordinateLimitForce", "force", coordinate, 20.0, 0.2, -15.0, 0.3, 0.01, 30.0
+    ),
+    "limit of a distance": lambda coordinate: made(
+        "CoordinateLimitForce", "force", coordinate, 0.3, 0.2, -0.2, 0.3, 0.01, 0.5
+    ),
+    "formula": lambda coordinate: made(
+        "ExpressionBasedCoordinateForce", "force", coordinate, "-2*q^3 - 0.5*qdot*abs(qdot) + sin(q)"
+    ),
 }
 
 
 @pytest.mark.parametrize("kind", FORCES)
-def test_a_force_accelerates_as_in_opensim(kind: str, tmp_path: Path) -> None:
+def test_a_force_accelerates_as_in_opensim_and_comes_back_from_the_file_that_is_written(
+    kind: str, tmp_path: Path
+) -> None:
     model = model_with(opensim.UniversalJoint)
     FORCES[kind](model)
-    assert counted(model, tmp_path).is_nought()
+    ours = read_back(model, tmp_path)
+    assert counted(model, ours).is_nought()
+    assert_written(ours, model, tmp_path)
+
+
+@pytest.mark.parametrize("kind", COORDINATE_FORCES)
+@pytest.mark.parametrize(
+    ("joint", "coordinate"),
+    [("PlanarJoint", f"first_coord_{k}") for k in (0, 1)]
+    + [("FreeJoint", "first_coord_2"), ("PlanarJoint", "second_coord_0")],
+)
+def test_a_force_of_a_coordinate_accelerates_as_in_opensim_and_comes_back(
+    joint: str, coordinate: str, kind: str, tmp_path: Path
+) -> None:
+    model = model_with(getattr(opensim, joint))
+    model.addForce(given(COORDINATE_FORCES[kind](coordinate)))
+    ours = read_back(model, tmp_path)
+    assert len(ours.coordinate_forces) == 1
+    assert difference_to(model, ours).is_nought()
+    assert_written(ours, model, tmp_path)
 
 
 def test_the_curve_of_a_ligament_may_be_within_its_property_as_in_earlier_files(tmp_path: Path) -> None:
-    model, file = model_with(opensim.UniversalJoint), tmp_path / "ligament.osim"
+    model = model_with(opensim.UniversalJoint)
     along_path(model, made("Ligament", "ligament", **LIGAMENT, setForceLengthCurve=opensim.SimmSpline()))
-    model.finalizeConnections()
-    model.printToXML(str(file))
+    file = printed(model, tmp_path / "ligament.osim")
     curve = "<force_length_curve><SimmSpline><x>1 1.1 1.2 1.5</x><y>0 0.3 0.5 4</y></SimmSpline></force_length_curve>"
     own = re.compile(r'<SimmSpline name="force_length_curve">.*?</SimmSpline>', re.DOTALL)
     text, count = own.subn(curve, file.read_text())
@@ -213,26 +248,20 @@ def test_the_curve_of_a_ligament_may_be_within_its_property_as_in_earlier_files(
 @pytest.mark.parametrize("kinds", ["floor and two spheres", "two spheres", "one material"])
 def test_contact_of_spheres_and_a_half_space(kinds: str, tmp_path: Path) -> None:
     model = model_with(opensim.UniversalJoint)
-    floor = floor_of(model)
-    heel = opensim.ContactSphere(0.1, vec3(0.02, -0.15, 0.01), frame_of(model, "lower"), "heel")
+    floor, heel = floor_of(model), heel_of(model)
     toe = opensim.ContactSphere(0.36, vec3(-0.1, -0.05, 0.05), frame_of(model, "upper"), "toe")
     shapes = {"floor and two spheres": [floor, heel, toe], "two spheres": [heel, toe], "one material": [floor, heel]}
     for shape in shapes[kinds]:
         model.addContactGeometry(given(shape))
-    force = opensim.HuntCrossleyForce()
-    force.setName("contact")
-    force.setTransitionVelocity(0.2)
-    force.addGeometry("heel")
-    model.addForce(given(force))
+    model.addForce(given(made("HuntCrossleyForce", "contact", setTransitionVelocity=0.2, addGeometry="heel")))
     materials = [(1e6, 0.5, 0.9, 0.6, 0.2), (3e5, 1.0, 0.7, 0.3, 0.0), (5e5, 0.0, 0.0, 0.0, 0.0)]
     used = materials[:1] * 3 if kinds == "one material" else materials
     groups = [group(shape.getName(), *figures) for shape, figures in zip(shapes[kinds], used, strict=False)]
-    file = tmp_path / "contact.osim"
-    model.finalizeConnections()
-    model.printToXML(str(file))
+    file = printed(model, tmp_path / "contact.osim")
     one = re.compile(r"<HuntCrossleyForce::ContactParameters>.*</HuntCrossleyForce::ContactParameters>", re.DOTALL)
     file.write_text(one.sub("".join(groups), file.read_text()))
-    assert counted(opensim.Model(str(file)), tmp_path).is_nought()
+    contact = opensim.Model(str(file))
+    assert counted(contact, read_back(contact, tmp_path)).is_nought()
 
 
 def group(geometry: str, *figures: float) -> str:
@@ -246,10 +275,8 @@ def group(geometry: str, *figures: float) -> str:
 def test_what_is_switched_off_does_not_act_and_is_named(tmp_path: Path) -> None:
     model = model_with(opensim.UniversalJoint)
     along_path(model, made("PathSpring", "spring", "spring", 0.1, 800.0, 0.3, set_appliesForce=False))
-    point = opensim.PointConstraint(frame_of(model, "ground"), vec3(0, 0, 0), frame_of(model, "lower"), vec3(0, 0, 0))
-    point.setName("held")
-    point.set_isEnforced(False)
-    model.addConstraint(given(point))
+    ends = frame_of(model, "ground"), vec3(0, 0, 0), frame_of(model, "lower"), vec3(0, 0, 0)
+    model.addConstraint(given(made("PointConstraint", "held", *ends, set_isEnforced=False)))
     ours = read_back(model, tmp_path)
     assert ours.left_out == ("PathSpring spring", "PointConstraint held")
     assert difference_to(model, ours).is_nought()
@@ -263,9 +290,8 @@ def test_a_body_without_mass_has_no_inertia(tmp_path: Path) -> None:
     assert difference_to(model, ours).is_nought()
 
 
-def counted(model: Any, folder: Path) -> Difference:
+def counted(model: Any, ours: Model) -> Difference:
     """The difference, of a force that changes accelerations in several of the postures."""
-    ours = read_back(model, folder)
     states = random_states(ours)
     without = replace(ours, forces=())
     change = solvers_values(ours, *states)["acceleration"] - solvers_values(without, *states)["acceleration"]
@@ -273,31 +299,17 @@ def counted(model: Any, folder: Path) -> Difference:
     return difference_to(model, ours)
 
 
-@pytest.mark.parametrize("coordinate", ["first_coord_0", "first_coord_1", "second_coord_0"])
-def test_a_formula_of_a_coordinate(coordinate: str, tmp_path: Path) -> None:
-    model = model_with(opensim.PlanarJoint)
-    force = opensim.ExpressionBasedCoordinateForce(coordinate, "-2*q^3 - 0.5*qdot*abs(qdot) + sin(q)")
-    force.setName("passive")
-    model.addForce(given(force))
-    assert difference(model, tmp_path).is_nought()
-
-
 def test_formulas_are_lepton_s(tmp_path: Path) -> None:
     """The accelerations of two bodies differ by the force of each formula."""
     model = model_with()
     for index, formula in enumerate(FORMULAS):
-        force = opensim.ExpressionBasedCoordinateForce("second_coord_0", formula)
-        force.setName(f"formula_{index}")
+        force = made("ExpressionBasedCoordinateForce", f"formula_{index}", "second_coord_0", formula)
         model.addForce(given(force))
     ours = read_back(model, tmp_path)
-    state = model.initSystem()
-    coordinate = model.getCoordinateSet().get("second_coord_0")
-    place = ours.coordinate_index("second_coord_0")
-    q, u = (values[:, place] for values in random_states(ours))
-    found = [Expression(formula, ("q", "qdot")).at(q, u) for formula in FORMULAS]
+    q, u = (values[:, [ours.coordinate_index("second_coord_0")]] for values in random_states(ours))
+    found = [Expression(formula, ("q", "qdot")).at(q[:, 0], u[:, 0]) for formula in FORMULAS]
     theirs = []
-    for value, speed in zip(q[:, None], u[:, None], strict=True):
-        set_state(state, [coordinate], value, speed)
+    for state in idle_states(model, ["second_coord_0"], q, u):
         model.realizeVelocity(state)
         forces = [model.getForceSet().get(f"formula_{index}") for index in range(len(FORMULAS))]
         theirs.append([force.getRecordValues(state).get(0) for force in forces])

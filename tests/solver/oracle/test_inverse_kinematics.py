@@ -1,7 +1,5 @@
 """Inverse kinematics against OpenSim's own tool, at an accuracy at which it comes near the optimum."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -20,7 +18,7 @@ from solver.inverse_kinematics.solve import (
     posture_uncertainty,
     solve_inverse_kinematics,
 )
-from solver.model import Model
+from solver.model import Array, Model
 from solver.osim.model_reader import read_osim
 from solver.osim.tool_setups import CoordinateTask, IkSetup, ik_setup_document, read_ik_setup
 from solver.time_series_table import read_table
@@ -33,7 +31,6 @@ pytestmark = [pytest.mark.oracle, pytest.mark.shared]
 ACCURACY = 1e-9
 BARRIER = 1e-10
 """m²; what OpenSim's interior point leaves of the cost for each coordinate at its bound."""
-Array = NDArray[np.float64]
 MARKERS, SUBJECT = SHARED / "markers", SHARED / "subject"
 FRAMES = 12
 
@@ -81,21 +78,20 @@ class Trial:
     setup: Path
 
 
-def _of_patient(lift: str, model: str) -> Trial:
-    return Trial(SUBJECT / f"{model}.osim", SUBJECT / f"S8R_{lift}.trc", SUBJECT / f"S8R_{lift}_ik_setup.xml")
-
-
 TRIALS = {
     **{
         name: Trial(NO_WEIGHT, MARKERS / f"{name}.trc", MARKERS / "ik_setup.xml")
         for name in ("FLX01", "ABD02", "SHRUG01")
     },
-    "S8R side": _of_patient("side", "S8R_side_as_solved"),
-    "S8R back": _of_patient("back", "S8R_back_as_solved"),
-    "S8R side, generic": _of_patient("side", "generic"),
-    "S8R back, generic": _of_patient("back", "generic"),
-    "S8R side, scaled": _of_patient("side", "scaled"),
-    "S8R back, scaled": _of_patient("back", "scaled"),
+    **{
+        f"S8R {lift}{kind and f', {kind}'}": Trial(
+            SUBJECT / f"{kind or f'S8R_{lift}_as_solved'}.osim",
+            SUBJECT / f"S8R_{lift}.trc",
+            SUBJECT / f"S8R_{lift}_ik_setup.xml",
+        )
+        for kind in ("", "generic", "scaled")
+        for lift in ("side", "back")
+    },
 }
 
 
@@ -129,16 +125,12 @@ def count_bounds(model: Model, coordinates: Array) -> NDArray[np.int64]:
 
 def solved_by_opensim(trial: Trial, model: Model, folder: Path, accuracy: float, end: float = 1e3) -> Array:
     """q (frames, coordinates) [rad or m] of OpenSim's InverseKinematicsTool."""
+    settings = {"setModel": opensim.Model(str(trial.model)), "setMarkerDataFileName": str(trial.markers)}
+    settings |= {"setStartTime": 0.0, "setEndTime": end, "set_accuracy": accuracy, "set_report_errors": False}
+    settings |= {"setOutputMotionFileName": str(folder / "theirs.mot"), "setResultsDir": str(folder)}
     tool = opensim.InverseKinematicsTool(str(trial.setup))
-    theirs = opensim.Model(str(trial.model))
-    tool.setModel(theirs)
-    tool.setMarkerDataFileName(str(trial.markers))
-    tool.setStartTime(0.0)
-    tool.setEndTime(end)
-    tool.setOutputMotionFileName(str(folder / "theirs.mot"))
-    tool.setResultsDir(str(folder))
-    tool.set_accuracy(accuracy)
-    tool.set_report_errors(False)
+    for setter, value in settings.items():
+        getattr(tool, setter)(value)
     assert tool.run()
     columns, table, _ = read_table(folder / "theirs.mot")
     scale = [np.pi / 180 if coordinate.motion == "rotation" else 1.0 for coordinate in model.coordinates]

@@ -1,9 +1,8 @@
 """Joints, the functions that drive their axes, and frames that another version keeps elsewhere, against OpenSim."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -21,8 +20,11 @@ from tests.solver.oracle.two_bodies import (
     difference_to,
     frame_of,
     given,
+    made,
     model_with,
     opensim,
+    path_of,
+    printed,
     read_back,
     vec3,
 )
@@ -31,7 +33,7 @@ KNOTS = np.array([-2.1, -0.9, -0.2, 0.4, 0.7, 1.9])
 HEIGHTS = np.array([0.3, -0.2, 0.5, 0.4, -0.3, 0.2])
 
 
-def points_of(kind: str, count: int) -> Any:
+def points_of(kind: str, count: int = 6) -> Any:
     function = getattr(opensim, kind)()
     for x, y in zip(KNOTS[:count], HEIGHTS[:count], strict=True):
         function.addPoint(float(x), float(y))
@@ -47,48 +49,35 @@ def natural_spline(degree: int) -> Any:
 
 
 def polynomial(*coefficients: float) -> Any:
-    vector = opensim.Vector(len(coefficients), 0.0)
-    for index, coefficient in enumerate(coefficients):
-        vector.set(index, coefficient)
-    return opensim.PolynomialFunction(vector)
+    return opensim.PolynomialFunction(opensim.Vector(list(coefficients)))
 
 
-FUNCTIONS = {
+FUNCTIONS: dict[str, Callable[[], Any]] = {
     "constant": lambda: opensim.Constant(0.3),
     "line": lambda: opensim.LinearFunction(-0.7, 0.2),
     "polynomial": lambda: polynomial(0.2, -0.5, 0.3, 0.1),
-    "SIMM spline through 2": lambda: points_of("SimmSpline", 2),
-    "SIMM spline through 3": lambda: points_of("SimmSpline", 3),
-    "SIMM spline through 4": lambda: points_of("SimmSpline", 4),
-    "SIMM spline through 6": lambda: points_of("SimmSpline", 6),
-    "piecewise linear": lambda: points_of("PiecewiseLinearFunction", 6),
-    "piecewise constant": lambda: points_of("PiecewiseConstantFunction", 6),
-    "natural spline of degree 1": lambda: natural_spline(1),
-    "natural spline of degree 3": lambda: natural_spline(3),
-    "natural spline of degree 5": lambda: natural_spline(5),
-    "natural spline of degree 7": lambda: natural_spline(7),
+    **{f"SIMM spline through {count}": partial(points_of, "SimmSpline", count) for count in (2, 3, 4, 6)},
+    "piecewise linear": lambda: points_of("PiecewiseLinearFunction"),
+    "piecewise constant": lambda: points_of("PiecewiseConstantFunction"),
+    **{f"natural spline of degree {degree}": partial(natural_spline, degree) for degree in (1, 3, 5, 7)},
     "step up": lambda: opensim.StepFunction(-0.6, 0.9, 0.1, -0.4),
     "sine": lambda: opensim.Sine(0.5, 1.7, 0.3, 0.1),
-    "multiple": lambda: opensim.MultiplierFunction(given(points_of("SimmSpline", 6)), -1.3),
+    "multiple": lambda: opensim.MultiplierFunction(given(points_of("SimmSpline")), -1.3),
+}
+KINDS = ("Pin", "Slider", "Universal", "Planar", "Gimbal", "Ball", "Free", "Weld")
+JOINTS: dict[str, Callable[..., Any]] = {
+    **{f"{kind}Joint": getattr(opensim, f"{kind}Joint") for kind in KINDS},
+    **{f"custom, {name}": lambda *sides, name=name: coupled(sides, name) for name in FUNCTIONS},
+    "an axis that nothing drives": lambda *sides: custom(
+        sides,
+        [("", opensim.Constant(0.4)), ("bend", line(1.0)), ("turn", line(-1.0)), *[("", opensim.Constant(0.1))] * 3],
+    ),
 }
 
 
-@pytest.mark.parametrize(
-    "kind",
-    ["PinJoint", "SliderJoint", "UniversalJoint", "PlanarJoint", "GimbalJoint", "BallJoint", "FreeJoint", "WeldJoint"],
-)
-def test_a_plain_joint_moves_as_in_opensim(kind: str, tmp_path: Path) -> None:
-    assert difference(model_with(getattr(opensim, kind)), tmp_path).is_nought()
-
-
-@pytest.mark.parametrize("name", FUNCTIONS)
-def test_a_custom_joint_moves_as_in_opensim(name: str, tmp_path: Path) -> None:
-    assert difference(model_with(lambda *sides: coupled(sides, name)), tmp_path).is_nought()
-
-
-def test_an_axis_that_nothing_drives_is_turned_as_in_opensim(tmp_path: Path) -> None:
-    still = [("", opensim.Constant(0.4)), ("bend", line(1.0)), ("turn", line(-1.0)), *[("", opensim.Constant(0.1))] * 3]
-    assert difference(model_with(lambda *sides: custom(sides, still)), tmp_path).is_nought()
+@pytest.mark.parametrize("kind", JOINTS)
+def test_a_joint_moves_as_in_opensim(kind: str, tmp_path: Path) -> None:
+    assert difference(model_with(JOINTS[kind]), tmp_path).is_nought()
 
 
 def test_only_a_coordinate_that_is_the_motion_of_an_axis_is_an_angle_or_a_distance(tmp_path: Path) -> None:
@@ -99,20 +88,22 @@ def test_only_a_coordinate_that_is_the_motion_of_an_axis_is_an_angle_or_a_distan
     assert [coordinate.motion for coordinate in ours.coordinates] == [names[kind] for kind in theirs]
 
 
-@pytest.mark.parametrize("kind", ["ExpressionBasedFunction", "MultivariatePolynomialFunction"])
-def test_what_is_refused_for_its_curvature_accelerates_wrongly_in_opensim(kind: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("kind", "arguments"),
+    [
+        ("ExpressionBasedFunction", ("0.3*x^2 + x + 0.2", ["x"])),
+        ("MultivariatePolynomialFunction", (opensim.Vector([0.2, 1.0, 0.3]), 1, 2)),
+    ],
+)
+def test_what_is_refused_for_its_curvature_accelerates_wrongly_in_opensim(
+    kind: str, arguments: tuple[Any, ...], tmp_path: Path
+) -> None:
     # where this fails, OpenSim has mended it, and the solver can read it
-    rising = opensim.Vector(3, 0.0)
-    for power, coefficient in enumerate((0.2, 1.0, 0.3)):
-        rising.set(power, coefficient)
-    made = {
-        "ExpressionBasedFunction": lambda: opensim.ExpressionBasedFunction("0.3*x^2 + x + 0.2", ["x"]),
-        "MultivariatePolynomialFunction": lambda: opensim.MultivariatePolynomialFunction(rising, 1, 2),
-    }[kind]()
-    slope_for_curvature, right = (accelerated_along(each) for each in (made, polynomial(0.3, 1.0, 0.2)))
+    function = getattr(opensim, kind)(*arguments)
+    slope_for_curvature, right = (accelerated_along(each) for each in (function, polynomial(0.3, 1.0, 0.2)))
     assert abs(slope_for_curvature - right) > 0.1
     with raises_refusal(SolverCode.UNSUPPORTED, naming=kind):
-        read_back(model_with(lambda *sides: custom(sides, [("bend", made), *[("", line(0.0))] * 5])), tmp_path)
+        read_back(model_with(lambda *sides: custom(sides, [("bend", function), *[("", line(0.0))] * 5])), tmp_path)
 
 
 def accelerated_along(function: Any) -> float:
@@ -150,50 +141,46 @@ def custom(sides: tuple[Any, ...], axes: list[tuple[str, Any]]) -> Any:
     return opensim.CustomJoint(*sides, transform)
 
 
+def bare(*bodies: Any) -> Any:
+    model = opensim.Model()
+    model.setName("two_bodies")
+    for each in bodies:
+        model.addBody(given(each))
+    return model
+
+
 @pytest.mark.parametrize("axes", [("+x", "+y"), ("-z", "+x"), ("y", "-z"), ("-y", "-x"), ("+z", "-y")], ids=" ".join)
 def test_a_frame_is_defined_by_points(axes: tuple[str, str], tmp_path: Path) -> None:
     """A joint, a path point and a wrap object are in it, and a point of it is in an offset frame."""
-    model = opensim.Model()
-    model.setName("two_bodies")
     upper, lower = body("upper"), body("lower")
-    model.addBody(given(upper))
-    model.addBody(given(lower))
+    model = bare(upper, lower)
     model.addJoint(given(opensim.PinJoint("first", model.getGround(), upper)))
     tilted = opensim.PhysicalOffsetFrame("tilted", upper, opensim.Transform(opensim.Rotation(0.4, vec3(0, 1, 0))))
     upper.addComponent(given(tilted))
     owner = upper if axes[0] in ("+x", "y") else model
-    places = {"a": (upper, (0.1, 0.2, 0.0)), "b": (tilted, (0.3, -0.1, 0.2)), "c": (upper, (-0.2, 0.1, 0.4))}
-    points = {name: opensim.Station(frame, vec3(*place)) for name, (frame, place) in places.items()}
-    frame = opensim.StationDefinedFrame()
-    frame.setName("triangle")
-    frame.set_ab_axis(axes[0])
-    frame.set_ab_x_ac_axis(axes[1])
+    frame = made("StationDefinedFrame", "triangle", set_ab_axis=axes[0], set_ab_x_ac_axis=axes[1])
     owner.addComponent(given(frame))  # before its points, as a file may list them
-    for name, point in points.items():
-        point.setName(name)
+    places = {"a": (upper, (0.1, 0.2, 0.0)), "b": (tilted, (0.3, -0.1, 0.2)), "c": (upper, (-0.2, 0.1, 0.4))}
+    for name, (parent, place) in places.items():
+        point = made("Station", name, parent, vec3(*place))
         owner.addComponent(given(point))
         getattr(frame, f"connectSocket_point_{name}")(point)
-    frame.connectSocket_origin_point(points["c"])
+    frame.connectSocket_origin_point(point)
     model.addJoint(given(opensim.PinJoint("second", frame, lower)))
-    surface = opensim.WrapCylinder()
-    surface.setName("bump")
-    surface.set_radius(0.05)
-    surface.set_translation(vec3(0.02, -0.05, 0.01))
+    surface = made("WrapCylinder", "bump", set_radius=0.05, set_translation=vec3(0.02, -0.05, 0.01))
     frame.addWrapObject(given(surface))
     model.finalizeConnections()
-    muscle = add_muscle(model, "pull", [("ground", (0.3, 0.2, -0.1)), ("lower", (0.02, -0.2, 0.1))])
-    path = opensim.GeometryPath.safeDownCast(muscle.updPath())
+    path = path_of(add_muscle(model, "pull", [("ground", (0.3, 0.2, -0.1)), ("lower", (0.02, -0.2, 0.1))]))
     path.addPathWrap(surface)
     path.appendNewPathPoint("last", frame, vec3(0.1, 0.1, -0.2))
     assert difference(model, tmp_path).is_nought()
 
 
 def test_bodies_joints_and_constraints_may_be_components_of_the_model(tmp_path: Path) -> None:
-    model = opensim.Model()
-    model.setName("two_bodies")
+    model, zero = bare(), vec3(0, 0, 0)
     upper, lower = body("upper"), body("lower")
     first = opensim.FreeJoint("first", model.getGround(), upper)
-    second = opensim.PinJoint("second", upper, vec3(0, -0.3, 0), vec3(0, 0, 0), lower, vec3(0, 0, 0), vec3(0, 0, 0))
+    second = opensim.PinJoint("second", upper, vec3(0, -0.3, 0), zero, lower, zero, zero)
     held = opensim.PointConstraint(model.getGround(), vec3(0.1, 0.2, 0.0), lower, vec3(0.0, -0.1, 0.2))
     for part in (upper, lower, first, second, held, opensim.Marker("m", lower, vec3(0.1, 0.0, 0.0))):
         model.addComponent(given(part))
@@ -204,11 +191,8 @@ def test_bodies_joints_and_constraints_may_be_components_of_the_model(tmp_path: 
 
 def test_joints_may_be_listed_in_any_order(tmp_path: Path) -> None:
     """The joint of the lower body comes before that of its parent."""
-    model = opensim.Model()
-    model.setName("two_bodies")
     upper, lower = body("upper"), body("lower")
-    for part in (lower, upper):
-        model.addBody(given(part))
+    model = bare(lower, upper)
     places = (vec3(0, -0.3, 0.1), vec3(0.2, 0, 0)), (vec3(0.1, 0, 0), vec3(0, 0.3, 0))
     model.addJoint(given(opensim.PinJoint("second", upper, *places[0], lower, *places[1])))
     model.addJoint(given(opensim.GimbalJoint("first", model.getGround(), *places[1], upper, *places[0])))
@@ -219,27 +203,22 @@ def test_joints_may_be_listed_in_any_order(tmp_path: Path) -> None:
     assert difference_to(model, ours).is_nought()
 
 
-def test_the_last_development_version_has_the_layout_of_opensim_4(tmp_path: Path) -> None:
-    file = as_version(30517, tmp_path)
-    assert difference_to(opensim.Model(str(file)), read_osim(file)).is_nought()
-
-
-def test_opensim_does_not_open_the_development_versions_before_it(tmp_path: Path) -> None:
-    """Its joints refer to bodies by paths without the sets, as OpenSim wrote them until then."""
-    file = as_version(30516, tmp_path)
-    text = file.read_text(encoding="utf-8").replace("/bodyset/", "../../")
-    file.write_text(re.sub(r"<(/?)(socket_\w+)>", r"<\1\2_connectee_name>", text), encoding="utf-8")
+def test_the_last_development_version_has_the_layout_of_opensim_4_and_opensim_does_not_open_those_before_it(
+    tmp_path: Path,
+) -> None:
+    """Their joints refer to bodies by paths without the sets, as OpenSim wrote them until then."""
+    last, before = (as_version(version, tmp_path) for version in (30517, 30516))
+    assert difference_to(opensim.Model(str(last)), read_osim(last)).is_nought()
+    text = before.read_text(encoding="utf-8").replace("/bodyset/", "../../")
+    before.write_text(re.sub(r"<(/?)(socket_\w+)>", r"<\1\2_connectee_name>", text), encoding="utf-8")
     with pytest.raises(RuntimeError, match="Failed to connect Socket"):
-        opensim.Model(str(file)).initSystem()
+        opensim.Model(str(before)).initSystem()
     with raises_refusal(SolverCode.WRONG_DOCUMENT, naming="30516"):
-        read_osim(file)
+        read_osim(before)
 
 
 def as_version(version: int, folder: Path) -> Path:
-    model: Any = model_with(opensim.FreeJoint)
-    model.finalizeConnections()
-    file = folder / "model.osim"
-    model.printToXML(str(file))
+    file = printed(model_with(opensim.FreeJoint), folder / f"{version}.osim")
     text = re.sub(r'Version="\d+"', f'Version="{version}"', file.read_text(encoding="utf-8"))
     file.write_text(text, encoding="utf-8")
     return file
@@ -277,27 +256,24 @@ def test_a_body_is_held_on_another(kind: str, ends: tuple[str, str], tmp_path: P
     assert difference(model, tmp_path).is_nought()
 
 
-@pytest.mark.parametrize("kind", ["PointConstraint", "ConstantDistanceConstraint", "PointOnLineConstraint"])
+@pytest.mark.parametrize("kind", ["a point", "a distance", "a line along (1.0, 0.0, 0.0)"])
 def test_an_offset_frame_is_refused_because_opensim_ignores_its_offset(kind: str, tmp_path: Path) -> None:
     # where this fails, OpenSim has mended it, and the solver can read it
-    def gaps(*, is_offset: bool) -> tuple[Any, Any]:
+    gaps = []
+    for is_offset in (False, True):
         model = model_with(opensim.FreeJoint)
         lower = frame_of(model, "lower")
-        end = opensim.PhysicalOffsetFrame("aside", lower, opensim.Transform(vec3(0.1, 0.2, 0.3)))
+        aside = opensim.PhysicalOffsetFrame("aside", lower, opensim.Transform(vec3(0.1, 0.2, 0.3)))
         if is_offset:
-            lower.addComponent(given(end))
+            lower.addComponent(given(aside))
         model.finalizeConnections()
-        extra = {"ConstantDistanceConstraint": [0.3]}.get(kind, [])
-        line = [vec3(1.0, 0.0, 0.0)] if kind == "PointOnLineConstraint" else []
-        ends = model.getGround(), *line, HELD[0], end if is_offset else lower, HELD[1]
-        model.addConstraint(given(getattr(opensim, kind)(*ends, *extra)))
+        constraint = HOLDING[kind](model.getGround(), aside if is_offset else lower)
+        model.addConstraint(given(constraint))
         state = model.initSystem()
         model.realizePosition(state)
-        return model, state.getQErr().to_numpy()
-
-    (model, with_offset), (_, without) = gaps(is_offset=True), gaps(is_offset=False)
-    np.testing.assert_array_equal(with_offset, without)
-    with raises_refusal(SolverCode.UNSUPPORTED, naming=kind):
+        gaps.append(state.getQErr().to_numpy())
+    np.testing.assert_array_equal(*gaps)
+    with raises_refusal(SolverCode.UNSUPPORTED, naming=constraint.getConcreteClassName()):
         read_back(model, tmp_path)
 
 
@@ -333,109 +309,97 @@ def test_a_function_of_one_coordinate_couples_the_first_two_of_several_in_opensi
 
 def test_a_polynomial_of_several_coordinates_accelerates_wrongly_in_opensim(tmp_path: Path) -> None:
     # where this fails, OpenSim has mended it, and the solver can read it
-    coefficients = opensim.Vector(3, 0.0)
-    for index, coefficient in enumerate((0.2, 0.7, 0.4)):  # 0.2 + 0.7 y + 0.4 x
-        coefficients.set(index, coefficient)
-    functions = opensim.MultivariatePolynomialFunction(coefficients, 2, 1), plane(0.4, 0.7)
-    independents = ["first_coord_0", "first_coord_1"]
-    accelerations = []
-    for function in functions:
+    independents, found = ["first_coord_0", "first_coord_1"], []
+    coefficients = opensim.Vector([0.2, 0.7, 0.4])  # 0.2 + 0.7 y + 0.4 x
+    for function in (plane(0.4, 0.7), opensim.MultivariatePolynomialFunction(coefficients, 2, 1)):
         model = model_with(opensim.GimbalJoint)
         model.addConstraint(coupler(independents, "second_coord_0", function))
         state = model.initSystem()
         for name in independents:
             model.getCoordinateSet().get(name).setSpeedValue(state, 1.3)
         model.realizeAcceleration(state)
-        gap = state.getQErr().get(0)
-        accelerations.append([gap, model.getCoordinateSet().get("second_coord_0").getAccelerationValue(state)])
-    (gap, wrong), (same_gap, right) = accelerations
+        acceleration = model.getCoordinateSet().get("second_coord_0").getAccelerationValue(state)
+        found.append((state.getQErr().get(0), acceleration))
+    (same_gap, right), (gap, wrong) = found
     assert gap == pytest.approx(same_gap)
     assert abs(wrong - right) > 0.1
-    model = model_with(opensim.GimbalJoint)
-    model.addConstraint(coupler(independents, "second_coord_0", functions[0]))
     with raises_refusal(SolverCode.UNSUPPORTED, naming="MultivariatePolynomialFunction"):
         read_back(model, tmp_path)
 
 
-@pytest.mark.parametrize("joint", ["PlanarJoint", "FreeJoint"])
-def test_a_locked_coordinate_stays_where_it_is(joint: str, tmp_path: Path) -> None:
+def held(joint: str, **settings: Any) -> Any:
+    """A model whose second coordinate of the first joint has these settings."""
     model = model_with(getattr(opensim, joint))
     coordinate = model.getJointSet().get("first").upd_coordinates(1)
-    coordinate.setDefaultValue(0.3)
-    coordinate.set_locked(True)
-    assert difference(model, tmp_path).is_nought()
+    for setter, value in settings.items():
+        getattr(coordinate, setter)(value)
+    return model
+
+
+@pytest.mark.parametrize("joint", ["PlanarJoint", "FreeJoint"])
+def test_a_locked_coordinate_stays_where_it_is(joint: str, tmp_path: Path) -> None:
+    assert difference(held(joint, setDefaultValue=0.3, set_locked=True), tmp_path).is_nought()
 
 
 @pytest.mark.parametrize("name", FUNCTIONS)
 @pytest.mark.parametrize("joint", ["PlanarJoint", "FreeJoint"])
 def test_a_prescribed_coordinate_follows_a_function_of_time(joint: str, name: str, tmp_path: Path) -> None:
-    model = model_with(getattr(opensim, joint))
-    coordinate = model.getJointSet().get("first").upd_coordinates(1)
-    coordinate.setPrescribedFunction(FUNCTIONS[name]())
-    coordinate.set_prescribed(True)
+    model = held(joint, setPrescribedFunction=FUNCTIONS[name](), set_prescribed=True)
     assert difference(model, tmp_path).is_nought()
 
 
-@pytest.mark.parametrize("is_prescribed", [True, False])
-def test_a_prescription_needs_a_function_and_its_flag(is_prescribed: bool, tmp_path: Path) -> None:
-    model = model_with(opensim.PlanarJoint)
-    coordinate = model.getJointSet().get("first").upd_coordinates(1)
-    coordinate.set_prescribed(is_prescribed)
-    if not is_prescribed:
-        coordinate.setPrescribedFunction(FUNCTIONS["sine"]())
+@pytest.mark.parametrize("settings", [{"set_prescribed": True}, {"setPrescribedFunction": FUNCTIONS["sine"]()}])
+def test_a_prescription_needs_a_function_and_its_flag(settings: dict[str, Any], tmp_path: Path) -> None:
+    model = held("PlanarJoint", **settings)
     ours = read_back(model, tmp_path)
     assert ours.constraints == ()
-    assert difference(model, tmp_path).is_nought()
+    assert difference_to(model, ours).is_nought()
 
 
 def test_opensim_enforces_both_a_lock_and_a_prescription(tmp_path: Path) -> None:
-    model = model_with(opensim.PlanarJoint)
-    coordinate = model.getJointSet().get("first").upd_coordinates(1)
-    coordinate.set_prescribed(True)
-    coordinate.set_locked(True)
-    coordinate.setPrescribedFunction(opensim.Constant(0.0))
+    function = opensim.Constant(0.0)
+    model = held("PlanarJoint", set_prescribed=True, set_locked=True, setPrescribedFunction=function)
     assert model.initSystem().getNQErr() == 2
     with raises_refusal(SolverCode.UNSUPPORTED, naming="Coordinate"):
         read_back(model, tmp_path)
 
 
-@pytest.mark.parametrize(
-    "kind", ["the same point twice", "a weld and its point", "a chain of couplers", "a lock of what is held"]
-)
-def test_redundant_constraints_share_the_load(kind: str, tmp_path: Path) -> None:
-    model = model_with(opensim.FreeJoint if "point" in kind else opensim.UniversalJoint)
-    if "point" in kind:
-        ends = frame_of(model, "ground"), HELD[0], frame_of(model, "lower"), HELD[1]
-        point = opensim.PointConstraint(*ends)
-        model.addConstraint(given(point))
-        if kind == "the same point twice":
-            second = opensim.PointConstraint(*ends)
-            second.setName("two")
-        else:
-            second = opensim.WeldConstraint("weld", *ends[:2], vec3(0, 0, 0), *ends[2:], vec3(0, 0, 0))
-        model.addConstraint(given(second))
-    else:
-        followers = [("first_coord_0", "first_coord_1"), ("first_coord_1", "second_coord_0")]
-        closing = ("first_coord_0", "second_coord_0")
-        for leader, follower in followers + ([closing] if kind == "a chain of couplers" else []):
-            model.addConstraint(coupler([leader], follower, opensim.LinearFunction(1.0, 0.0)))
-        if kind == "a lock of what is held":
-            for joint, index in (("first", 0), ("second", 0)):
-                model.getJointSet().get(joint).upd_coordinates(index).set_locked(True)
+NONE = vec3(0, 0, 0)
+TWICE: dict[str, Callable[[Any, Any], Any]] = {
+    "the same point twice": lambda one, two: made("PointConstraint", "two", one, HELD[0], two, HELD[1]),
+    "a weld and its point": lambda one, two: opensim.WeldConstraint("weld", one, HELD[0], NONE, two, HELD[1], NONE),
+}
+
+
+@pytest.mark.parametrize("kind", TWICE)
+def test_redundant_points_share_the_load(kind: str, tmp_path: Path) -> None:
+    model = model_with(opensim.FreeJoint)
+    for constraint in (HOLDING["a point"], TWICE[kind]):
+        model.addConstraint(given(constraint(frame_of(model, "ground"), frame_of(model, "lower"))))
+    assert difference(model, tmp_path).is_nought()
+
+
+@pytest.mark.parametrize("is_locked", [False, True], ids=["a chain of couplers", "a lock of what is held"])
+def test_redundant_couplers_share_the_load(is_locked: bool, tmp_path: Path) -> None:
+    model = model_with(opensim.UniversalJoint)
+    followers = [("first_coord_0", "first_coord_1"), ("first_coord_1", "second_coord_0")]
+    followers += [] if is_locked else [("first_coord_0", "second_coord_0")]
+    for leader, follower in followers:
+        model.addConstraint(coupler([leader], follower, opensim.LinearFunction(1.0, 0.0)))
+    for joint in ("first", "second"):
+        model.getJointSet().get(joint).upd_coordinates(0).set_locked(is_locked)
     assert difference(model, tmp_path).is_nought()
 
 
 def coupler(independents: list[str], dependent: str, function: Any, scale: float = 1.0) -> Any:
-    made = opensim.CoordinateCouplerConstraint()
-    made.setName(f"{independents[0]}_{dependent}")
-    made.setFunction(given(function))
     names = opensim.ArrayStr()
     for name in independents:
         names.append(name)
-    made.setIndependentCoordinateNames(names)
-    made.setDependentCoordinateName(dependent)
-    opensim.PropertyHelper.setValueDouble(scale, made.updPropertyByName("scale_factor"))
-    return given(made)
+    settings = {"setFunction": given(function), "setIndependentCoordinateNames": names}
+    name = f"{independents[0]}_{dependent}"
+    found = made("CoordinateCouplerConstraint", name, **settings, setDependentCoordinateName=dependent)
+    opensim.PropertyHelper.setValueDouble(scale, found.updPropertyByName("scale_factor"))
+    return given(found)
 
 
 def plane(*slopes: float) -> Any:
@@ -447,14 +411,9 @@ def plane(*slopes: float) -> Any:
 
 @pytest.mark.parametrize("text", ["true", "True", "TRUE", "1", " true ", "false", "False", "0", ""])
 def test_a_coordinate_is_locked_where_opensim_reads_it_so(text: str, tmp_path: Path) -> None:
-    file = tmp_path / "locked.osim"
     model = model_with(opensim.PinJoint)
     model.updCoordinateSet().get(0).setDefaultLocked(True)
-    model.finalizeConnections()
-    model.printToXML(str(file))
-    content = file.read_text(encoding="utf-8")
-    assert "<locked>true</locked>" in content
-    file.write_text(content.replace("<locked>true</locked>", f"<locked>{text}</locked>"), encoding="utf-8")
+    file = printed(model, tmp_path / "locked.osim", ("<locked>true</locked>", f"<locked>{text}</locked>"))
     theirs = opensim.Model(str(file))
     expected = theirs.getCoordinateSet().get(0).getDefaultLocked()
     assert any(isinstance(held, CoordinateLock) for held in read_osim(file).constraints) == expected

@@ -1,17 +1,13 @@
 """Muscles read from a file against OpenSim: forces, pennation and elastic tendons."""
 
-from __future__ import annotations
-
 import itertools
 import re
-import xml.etree.ElementTree as Xml
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from solver.errors import SolverCode
 from solver.functions.muscle_curves import (
@@ -21,16 +17,27 @@ from solver.functions.muscle_curves import (
     SchutteCurves,
     ThelenTendon,
 )
-from solver.model import Model
+from solver.model import Array, Model
 from solver.multibody.postures import postures
-from solver.muscle import MuscleForces, evaluate_paths, muscle_forces
+from solver.muscle import MuscleForces, PathState, evaluate_paths, muscle_forces
 from solver.osim.model_reader import read_osim
-from solver.osim.model_writer import osim_document
 from solver.tendons.fiber import ElasticForces, elastic_forces
 from tests.refusals import raises_refusal
-from tests.solver.oracle.two_bodies import given, model_with, opensim, random_states, read_back, set_state, vec3
+from tests.solver.oracle.two_bodies import (
+    given,
+    idle_states,
+    made,
+    model_with,
+    opensim,
+    path_of,
+    printed,
+    random_states,
+    read_back,
+    span,
+    vec3,
+    written,
+)
 
-Array = NDArray[np.float64]
 # optimal fibre length and tendon slack length [m], pennation [rad]: from slack to far beyond the curves' ends
 FIBERS = [(0.2, 0.15, 0.0), (0.2, 0.15, 0.3), (0.1, 0.2, 0.2), (0.3, 0.05, 0.0), (0.12, 0.5, 0.4), (0.4, 0.1, 0.6)]
 MILLARD = {
@@ -49,16 +56,24 @@ TENDON_FIBERS = {"long tendon": (0.06, 0.3, 0.35), "short tendon": (0.12, 0.06, 
 """Optimal fibre length and tendon slack length [m], pennation [rad]."""
 
 
+RIGID = {"set_ignore_tendon_compliance": True, "set_ignore_activation_dynamics": True}
+
+
+def fiber_settings(optimal: float, slack: float, pennation: float, strength: float = 300.0) -> dict[str, float]:
+    return {
+        "set_max_isometric_force": strength,
+        "set_optimal_fiber_length": optimal,
+        "set_tendon_slack_length": slack,
+        "set_pennation_angle_at_optimal": pennation,
+    }
+
+
 @pytest.mark.parametrize("name", MILLARD)
 def test_a_millard_muscle(name: str, tmp_path: Path) -> None:
     model = model_with(opensim.UniversalJoint)
     for index, fiber in enumerate(FIBERS):
-        muscle = opensim.Millard2012EquilibriumMuscle(f"millard_{index}", 300.0, *fiber)
-        muscle.set_ignore_tendon_compliance(True)
-        muscle.set_ignore_activation_dynamics(True)
-        muscle.set_maximum_pennation_angle(1.2)
-        bend(muscle, **MILLARD[name])
-        span(model, muscle)
+        settings = {**RIGID, **fiber_settings(*fiber), "set_maximum_pennation_angle": 1.2}
+        bend(span(model, made(KINDS[0], f"millard_{index}", **settings)), **MILLARD[name])
     ours, forces, theirs = both(model, tmp_path, rigid_factors)
     assert np.abs(per_strength(ours, forces)[:, 1:] - theirs[:, 1:]).max() < 1e-12
     assert len(ours.muscles) == 1 + len(FIBERS)
@@ -66,46 +81,30 @@ def test_a_millard_muscle(name: str, tmp_path: Path) -> None:
 
 def test_a_thelen_muscle(tmp_path: Path) -> None:
     model = model_with(opensim.UniversalJoint)
+    changes = {"set_FmaxMuscleStrain": 0.5, "set_KshapeActive": 0.5, "set_KshapePassive": 4.0, "set_Af": 0.3}
+    changes |= {"set_Flen": 1.7, "set_fv_linear_extrap_threshold": 0.9}
     for index, fiber in enumerate(FIBERS):
-        muscle = opensim.Thelen2003Muscle(f"thelen_{index}", 300.0, *fiber)
-        if index % 2:
-            muscle.set_FmaxMuscleStrain(0.5)
-            muscle.set_KshapeActive(0.5)
-            muscle.set_KshapePassive(4.0)
-            muscle.set_Af(0.3)
-            muscle.set_Flen(1.7)
-            muscle.set_fv_linear_extrap_threshold(0.9)
-        span(model, muscle)
+        settings = fiber_settings(*fiber) | (changes if index % 2 else {})
+        span(model, made(KINDS[1], f"thelen_{index}", **settings))
     _, forces, theirs = both(model, tmp_path, thelen_forces)
-    strength = 300.0
-    assert np.abs(forces.active[:, 1:] - theirs[:, 1:, 0]).max() / strength < 1e-10
+    assert np.abs(forces.active[:, 1:] - theirs[:, 1:, 0]).max() / 300.0 < 1e-10
     passive = theirs[:, 1:, 1] * forces.cos_pennation[:, 1:]
-    assert np.allclose(forces.passive[:, 1:] / strength, passive, rtol=1e-12, atol=1e-12)
+    assert np.allclose(forces.passive[:, 1:] / 300.0, passive, rtol=1e-12, atol=1e-12)
 
 
 @pytest.mark.parametrize("is_changed", [False, True])
 def test_a_de_groote_fregly_muscle(is_changed: bool, tmp_path: Path) -> None:
     model = model_with(opensim.UniversalJoint)
-    for index, (optimal, slack, pennation) in enumerate(FIBERS):
-        muscle = opensim.DeGrooteFregly2016Muscle()
-        muscle.setName(f"de_groote_{index}")
-        muscle.set_max_isometric_force(300.0)
-        muscle.set_optimal_fiber_length(optimal)
-        muscle.set_tendon_slack_length(slack)
-        muscle.set_pennation_angle_at_optimal(pennation)
-        muscle.set_ignore_tendon_compliance(True)
-        muscle.set_ignore_activation_dynamics(True)
-        if is_changed:
-            muscle.set_active_force_width_scale(1.3)
-            muscle.set_passive_fiber_strain_at_one_norm_force(0.5)
-            muscle.set_ignore_passive_fiber_force(index % 2 == 1)
-        span(model, muscle)
+    changes = {"set_active_force_width_scale": 1.3, "set_passive_fiber_strain_at_one_norm_force": 0.5}
+    for index, fiber in enumerate(FIBERS):
+        ignored = {"set_ignore_passive_fiber_force": index % 2 == 1}
+        settings = RIGID | fiber_settings(*fiber) | (changes | ignored if is_changed else {})
+        span(model, made(KINDS[2], f"de_groote_{index}", **settings))
     ours, forces, theirs = both(model, tmp_path, rigid_factors)
-    is_stretched = lengths_of(ours, 1)[0] > [slack for _, slack, _ in FIBERS]  # OpenSim's fibres push if they are not
+    is_stretched = paths_of(ours).lengths[:, [1]] > [slack for _, slack, _ in FIBERS]  # else OpenSim's fibres push
     assert is_stretched.sum() > 100
-    np.testing.assert_allclose(
-        per_strength(ours, forces)[:, 1:][is_stretched], theirs[:, 1:][is_stretched], rtol=1e-12, atol=1e-12
-    )
+    found, expected = per_strength(ours, forces)[:, 1:][is_stretched], theirs[:, 1:][is_stretched]
+    np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -119,11 +118,10 @@ def test_a_de_groote_fregly_muscle(is_changed: bool, tmp_path: Path) -> None:
 )
 def test_a_schutte_muscle(curves: str, tmp_path: Path) -> None:
     """OpenSim has its fibre length for a state and solves its curves for the fibre's speed; damping is left out."""
-    source, file = model_with(opensim.UniversalJoint), tmp_path / "schutte.osim"
+    source = model_with(opensim.UniversalJoint)
     for index, fiber in enumerate(FIBERS[:3]):
-        span(source, opensim.Millard2012EquilibriumMuscle(f"schutte_{index}", 300.0, *fiber))
-    source.finalizeConnections()
-    source.printToXML(str(file))
+        span(source, made(KINDS[0], f"schutte_{index}", **fiber_settings(*fiber)))
+    file = printed(source, tmp_path / "schutte.osim")
     text = re.sub(
         r"<(/?)Millard2012EquilibriumMuscle(?! name=.pull)", r"<\1Schutte1993Muscle_Deprecated", file.read_text()
     )
@@ -159,17 +157,6 @@ def test_a_schutte_muscle(curves: str, tmp_path: Path) -> None:
         assert is_pulled.sum() > 8 and np.ptp(speed[is_pulled]) > 0.5
 
 
-def test_muscles_of_both_kinds_in_one_model(tmp_path: Path) -> None:
-    model = model_with(opensim.UniversalJoint)
-    span(model, opensim.Thelen2003Muscle("thelen", 300.0, *FIBERS[0]))
-    span(model, opensim.Millard2012EquilibriumMuscle("millard", 300.0, *FIBERS[0]))
-    ours = read_back(model, tmp_path)
-    together = forces_of(ours)
-    for index, muscle in enumerate(ours.muscles):
-        alone = muscle_forces(Model(**vars(ours) | {"muscles": (muscle,)}), *lengths_of(ours, index))
-        assert np.array_equal(together.active[:, index], alone.active[:, 0])
-
-
 def bend(muscle: Any, active: Any = None, speed: Any = None, passive: Any = None) -> None:
     if active is not None:
         muscle.setActiveForceLengthCurve(opensim.ActiveForceLengthCurve(*active))
@@ -184,34 +171,17 @@ def bend(muscle: Any, active: Any = None, speed: Any = None, passive: Any = None
         muscle.setFiberForceLengthCurve(curve)
 
 
-def span(model: Any, muscle: Any) -> None:
-    """From the ground to the second body."""
-    model.addForce(given(muscle))
-    path = opensim.GeometryPath.safeDownCast(muscle.updPath())
-    path.appendNewPathPoint("start", model.getGround(), opensim.Vec3(0.05, 0.1, 0.02))
-    path.appendNewPathPoint("end", model.getBodySet().get("lower"), opensim.Vec3(0.02, -0.2, 0.0))
-
-
 def both(model: Any, folder: Path, of_opensim: Any) -> tuple[Model, MuscleForces, Array]:
-    ours = read_back(model, folder)
-    state = model.initSystem()
-    coordinates = [model.getCoordinateSet().get(name) for name in ours.coordinate_names]
-    rows = []
-    for values, speeds in zip(*random_states(ours), strict=True):
-        set_state(state, coordinates, values, speeds)
+    ours, rows = read_back(model, folder), []
+    for state in idle_states(model, ours.coordinate_names, *random_states(ours)):
         model.realizeVelocity(state)
         rows.append([of_opensim(model.getMuscles().get(name), state, ours) for name in ours.muscle_names])
-    return ours, forces_of(ours), np.array(rows)
+    paths = paths_of(ours)
+    return ours, muscle_forces(ours, paths.lengths, paths.speeds), np.array(rows)
 
 
-def forces_of(model: Model) -> MuscleForces:
-    paths = evaluate_paths(model, postures(model, *random_states(model)))
-    return muscle_forces(model, paths.lengths, paths.speeds)
-
-
-def lengths_of(model: Model, muscle: int) -> tuple[Array, Array]:
-    paths = evaluate_paths(model, postures(model, *random_states(model)))
-    return paths.lengths[:, [muscle]], paths.speeds[:, [muscle]]
+def paths_of(model: Model) -> PathState:
+    return evaluate_paths(model, postures(model, *random_states(model)))
 
 
 def per_strength(model: Model, forces: MuscleForces) -> Array:
@@ -244,15 +214,10 @@ def test_without_activation_dynamics_an_activation_is_the_excitation_at_once(kin
     """OpenSim has no state for it, and neither a time constant here; a file that the solver writes says so, too."""
     model = model_with(opensim.UniversalJoint)
     for name, is_ignored in (("at_once", True), ("delayed", False)):
-        muscle = getattr(opensim, kind)()
-        muscle.setName(name)
-        muscle.set_ignore_tendon_compliance(True)
-        muscle.set_ignore_activation_dynamics(is_ignored)
-        span(model, muscle)
+        span(model, made(kind, name, **RIGID | {"set_ignore_activation_dynamics": is_ignored}))
     ours = read_back(model, tmp_path)
-    written = tmp_path / "written.osim"
-    Xml.ElementTree(osim_document(ours)).write(written, encoding="utf-8")
-    for file, read in ((tmp_path / "two_bodies.osim", ours), (written, read_osim(written))):
+    again = written(ours, tmp_path / "written.osim")
+    for file, read in ((tmp_path / "two_bodies.osim", ours), (again, read_osim(again))):
         theirs = opensim.Model(str(file))
         state = theirs.initSystem()
         constants = {
@@ -279,12 +244,9 @@ def test_without_activation_dynamics_an_activation_is_the_excitation_at_once(kin
     ],
 )
 def test_a_pennation_is_refused_where_opensim_refuses_it(kind: str, tag: str, tmp_path: Path) -> None:
-    model, file = model_with(opensim.UniversalJoint), tmp_path / "calf.osim"
-    muscle = getattr(opensim, kind)()
-    muscle.setName("calf")
-    span(model, muscle)
-    model.finalizeConnections()
-    model.printToXML(str(file))
+    model = model_with(opensim.UniversalJoint)
+    span(model, made(kind, "calf"))
+    file = printed(model, tmp_path / "calf.osim")
     before, after = file.read_text().split(f'<{kind} name="calf">')
     for angle in (-0.1, 0.0, 1.5, RIGHT_ANGLE - 1e-12, RIGHT_ANGLE, 1.571, 3.2):
         file.write_text(f'{before}<{kind} name="calf"><{tag}>{angle!r}</{tag}>{after}')
@@ -318,15 +280,10 @@ class Course:
         return self.mean + self.swing * np.sin(self.frequency * time + 1.0)
 
 
-def muscle_of(kind: str, fiber: tuple[float, float, float]) -> Any:
-    muscle = getattr(opensim, kind)()
-    muscle.setName("muscle")
-    muscle.set_max_isometric_force(STRENGTH)
-    muscle.set_optimal_fiber_length(fiber[0])
-    muscle.set_tendon_slack_length(fiber[1])
-    muscle.set_pennation_angle_at_optimal(fiber[2])
-    muscle.set_ignore_activation_dynamics(kind != "Thelen2003Muscle")  # which always has them
-    return muscle
+def muscle_of(kind: str, fiber: tuple[float, float, float], **settings: Any) -> Any:
+    has_dynamics = kind == "Thelen2003Muscle"  # always
+    settings = {"set_ignore_activation_dynamics": not has_dynamics, **fiber_settings(*fiber, STRENGTH), **settings}
+    return made(kind, "muscle", **settings)
 
 
 def model_of(muscle: Any, course: Course) -> Any:
@@ -342,12 +299,10 @@ def model_of(muscle: Any, course: Course) -> Any:
     coordinate.setDefaultIsPrescribed(True)
     model.addJoint(given(joint))
     model.addForce(given(muscle))
-    path = opensim.GeometryPath.safeDownCast(muscle.updPath())
-    path.appendNewPathPoint("start", model.getGround(), vec3(0, 0, 0))
-    path.appendNewPathPoint("end", block, vec3(0, 0, 0))
-    controller = opensim.PrescribedController()
-    controller.addActuator(muscle)
+    for name, frame in (("start", model.getGround()), ("end", block)):
+        path_of(muscle).appendNewPathPoint(name, frame, vec3(0, 0, 0))
     control = opensim.Sine(course.swing, course.frequency, 1.0, course.mean)
+    controller = made("PrescribedController", "control", addActuator=muscle)
     controller.prescribeControlForActuator("muscle", given(control))
     model.addController(given(controller))
     model.finalizeConnections()
@@ -355,9 +310,7 @@ def model_of(muscle: Any, course: Course) -> Any:
 
 
 def read_slide(model: Any, folder: Path) -> Model:
-    file = folder / "slide.osim"
-    model.printToXML(str(file))
-    file.write_text(file.read_text().replace("<prescribed>true", "<prescribed>false"))
+    file = printed(model, folder / "slide.osim", ("<prescribed>true", "<prescribed>false"))
     return read_osim(file, ignore_forces=True)
 
 
@@ -448,9 +401,8 @@ def test_an_active_curve_that_does_not_end_at_zero(least: float) -> None:
 
 @pytest.mark.parametrize("figures", [(), (0.06,), (0.033, 45.0, 0.5, 0.3)])
 def test_a_tendon_curve_of_millard(figures: tuple[float, ...], tmp_path: Path) -> None:
-    muscle = muscle_of(KINDS[0], TENDON_FIBERS["long tendon"])
     curve = opensim.TendonForceLengthCurve(*figures)
-    muscle.setTendonForceLengthCurve(curve)
+    muscle = muscle_of(KINDS[0], TENDON_FIBERS["long tendon"], setTendonForceLengthCurve=curve)
     tendon = read_slide(model_of(muscle, Course(0.3, 0.0, 1.0)), tmp_path).muscles[0].tendon
     assert isinstance(tendon, MillardTendon)
     lengths = np.linspace(0.98, 1.1, 241)
@@ -458,8 +410,7 @@ def test_a_tendon_curve_of_millard(figures: tuple[float, ...], tmp_path: Path) -
 
 
 def test_a_tendon_curve_of_de_groote_and_fregly(tmp_path: Path) -> None:
-    muscle = muscle_of(KINDS[2], TENDON_FIBERS["long tendon"])
-    muscle.set_tendon_strain_at_one_norm_force(0.07)
+    muscle = muscle_of(KINDS[2], TENDON_FIBERS["long tendon"], set_tendon_strain_at_one_norm_force=0.07)
     model = model_of(muscle, Course(0.3, 0.0, 1.0))  # kept, because it owns the muscle
     tendon = read_slide(model, tmp_path).muscles[0].tendon
     assert isinstance(tendon, DeGrooteFreglyTendon)
@@ -471,9 +422,7 @@ def test_a_tendon_curve_of_de_groote_and_fregly(tmp_path: Path) -> None:
 def test_a_tendon_curve_of_thelen(tmp_path: Path) -> None:
     """Seen as the tendon's force at given fibre lengths."""
     optimal, slack, _ = fiber = 0.1, 0.3, 0.0
-    muscle = muscle_of(KINDS[1], fiber)
-    muscle.set_FmaxTendonStrain(0.05)
-    model = model_of(muscle, Course(slack + optimal, 0.0, 1.0))
+    model = model_of(muscle_of(KINDS[1], fiber, set_FmaxTendonStrain=0.05), Course(slack + optimal, 0.0, 1.0))
     tendon = read_slide(model, tmp_path).muscles[0].tendon
     assert isinstance(tendon, ThelenTendon)
     state = model.initSystem()
@@ -487,8 +436,7 @@ def test_a_tendon_curve_of_thelen(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_tendon_that_the_file_has_rigid_stays_so(kind: str, tmp_path: Path) -> None:
-    muscle = muscle_of(kind, TENDON_FIBERS["long tendon"])
-    muscle.set_ignore_tendon_compliance(True)
+    muscle = muscle_of(kind, TENDON_FIBERS["long tendon"], set_ignore_tendon_compliance=True)
     ours = read_slide(model_of(muscle, Course(0.35, 0.0, 1.0)), tmp_path)
     assert ours.muscles[0].tendon is None
     with raises_refusal(SolverCode.NO_TENDON, naming="slide"):
@@ -498,9 +446,8 @@ def test_a_tendon_that_the_file_has_rigid_stays_so(kind: str, tmp_path: Path) ->
 def test_a_fibre_at_its_least_length_is_held_as_in_opensim(tmp_path: Path) -> None:
     optimal, slack, _ = TENDON_FIBERS["short tendon"]
     course = Course(slack + 0.55 * optimal, 0.25 * optimal, 2 * np.pi / DURATION, 0.5, 0.0)
-    muscle = muscle_of(KINDS[0], TENDON_FIBERS["short tendon"])
-    muscle.set_fiber_damping(0.0)  # with damping a fibre that gives no force gets there in seconds
-    model = model_of(muscle, course)
+    # with damping a fibre that gives no force gets there in seconds
+    model = model_of(muscle_of(KINDS[0], TENDON_FIBERS["short tendon"], set_fiber_damping=0.0), course)
     expected = simulate(model, np.linspace(0.0, DURATION, 401))
     found = expected.ours(read_slide(model, tmp_path), course, 1)
     held = found.is_shortest[:, 0]

@@ -4,27 +4,28 @@ A test builds the model through OpenSim's API; it is printed to a file, read by 
 same things at the same random postures.
 """
 
-from __future__ import annotations
-
-from collections.abc import Callable
-from dataclasses import dataclass
+import xml.etree.ElementTree as Xml
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
-from solver.model import Model
+from solver.model import Array, Model
 from solver.multibody.constraints import constraint_gaps, constraint_rows
 from solver.multibody.dynamics import equations_of_motion
+from solver.multibody.loads import load_wrenches
 from solver.multibody.postures import jacobians, postures, rates_of_coordinates
-from solver.muscle import evaluate_paths
+from solver.muscle import evaluate_paths, muscle_forces
 from solver.osim.model_reader import read_osim
+from solver.osim.model_writer import osim_document
+from solver.redundancy.mechanics import ResponseMaps, response_maps
+from tests.solver.osim.test_model_writer import assert_same
 
 opensim = pytest.importorskip("opensim", reason="needs OpenSim: install the extra oracle")
 
-Array = NDArray[np.float64]
 STATES = 25
 opensim.Logger.setLevelString("error")
 
@@ -102,6 +103,14 @@ def add_muscle(model: Any, name: str, points: list[tuple[str, tuple[float, float
     return muscle
 
 
+def span(model: Any, muscle: Any) -> Any:
+    """The muscle, added from the ground to the second body."""
+    model.addForce(given(muscle))
+    path_of(muscle).appendNewPathPoint("start", model.getGround(), vec3(0.05, 0.1, 0.02))
+    path_of(muscle).appendNewPathPoint("end", frame_of(model, "lower"), vec3(0.02, -0.2, 0.0))
+    return muscle
+
+
 def path_of(force: Any) -> Any:
     return opensim.GeometryPath.safeDownCast(force.updPath())
 
@@ -116,10 +125,25 @@ def along_path(model: Any, force: Any) -> Any:
 
 def read_back(model: Any, folder: Path) -> Model:
     """The model through a file, as a user's would come."""
+    return read_osim(printed(model, folder / "two_bodies.osim"))
+
+
+def printed(model: Any, file: Path, *exchanged: tuple[str, str]) -> Path:
+    """OpenSim's file of the model, with texts exchanged that it must contain."""
     model.finalizeConnections()
-    file = folder / "two_bodies.osim"
     model.printToXML(str(file))
-    return read_osim(file)
+    text = file.read_text(encoding="utf-8")
+    for old, new in exchanged:
+        assert old in text
+        text = text.replace(old, new)
+    file.write_text(text, encoding="utf-8")
+    return file
+
+
+def written(model: Model, file: Path) -> Path:
+    """The solver's file of the model."""
+    Xml.ElementTree(osim_document(model)).write(file, encoding="utf-8")
+    return file
 
 
 @dataclass(frozen=True)
@@ -145,6 +169,19 @@ class Difference:
             and max(self.speed, self.force_per_tension) < 1e-11
             and self.acceleration < 1e-10
         )
+
+
+def force_parts(model: Model) -> tuple[Any, ...]:
+    return model.forces, model.actuators, model.coordinate_forces
+
+
+def assert_written(ours: Model, osim: Any, folder: Path) -> None:
+    """OpenSim opens the file that the solver writes; its accelerations are those of OpenSim's own model."""
+    file = written(ours, folder / "written.osim")
+    again = read_osim(file)
+    assert_same(force_parts(ours), force_parts(again))
+    assert difference_to(opensim.Model(str(file)), again).is_nought()
+    assert difference_to(osim, again).is_nought()
 
 
 def difference(model: Any, folder: Path, spread: float = 0.6) -> Difference:
@@ -193,18 +230,43 @@ def solvers_values(model: Model, q: Array, u: Array) -> dict[str, Array]:
     }
 
 
-def _opensims(osim: Any, model: Model, q: Array, u: Array) -> dict[str, Array]:
+def idle_states(
+    osim: Any, names: Sequence[str], q: Array, u: Array, time: Array | None = None, tension: float = 0.0
+) -> Iterator[Any]:
+    """OpenSim's state at these coordinates, speeds and times, with the same tension of all muscles."""
     state = osim.initSystem()
-    coordinates = [osim.getCoordinateSet().get(name) for name in model.coordinate_names]
-    muscles = [osim.getMuscles().get(name) for name in model.muscle_names]
-    for muscle in muscles:
+    for muscle in osim.getMuscles():
         muscle.overrideActuation(state, True)
-        muscle.setOverrideActuation(state, 0.0)
-    rows = []
-    for values, speeds in zip(q, u, strict=True):
+        muscle.setOverrideActuation(state, tension)
+    coordinates = [osim.getCoordinateSet().get(name) for name in names]
+    for moment, values, speeds in zip(np.zeros(len(q)) if time is None else time, q, u, strict=True):
+        state.setTime(float(moment))
         set_state(state, coordinates, values, speeds)
+        yield state
+
+
+def response(osim: Any, state: Any, names: Sequence[str], joint: str) -> tuple[list[float], list[float]]:
+    """Accelerations of these coordinates, and the joint's reaction on its parent, in ground."""
+    osim.realizeAcceleration(state)
+    wrench = osim.getJointSet().get(joint).calcReactionOnParentExpressedInGround(state)
+    accelerations = [osim.getCoordinateSet().get(name).getAccelerationValue(state) for name in names]
+    return accelerations, [wrench.get(part).get(axis) for part in range(2) for axis in range(3)]
+
+
+def idle_maps(model: Model, q: Array, u: Array, joint: str = "second", loads: Any = ()) -> ResponseMaps:
+    """The solver's maps without muscle forces."""
+    state = postures(model, q, u)
+    paths, equations = evaluate_paths(model, state), equations_of_motion(model, state, reaction_joint=joint)
+    forces = muscle_forces(model, paths.lengths, paths.speeds)
+    still = replace(forces, passive=np.zeros_like(forces.passive))
+    return response_maps(model, state, equations, paths, still, load_wrenches(loads, state) if loads else None)
+
+
+def _opensims(osim: Any, model: Model, q: Array, u: Array) -> dict[str, Array]:
+    rows = []
+    for state in idle_states(osim, model.coordinate_names, q, u):
         osim.realizeAcceleration(state)
-        rows.append(_at_state(osim, state, model, coordinates, muscles))
+        rows.append(_at_state(osim, state, model))
     return {name: np.array([row[name] for row in rows]) for name in rows[0]}
 
 
@@ -215,7 +277,9 @@ def set_state(state: Any, coordinates: list[Any], values: Array, speeds: Array) 
             coordinate.setSpeedValue(state, float(speed))
 
 
-def _at_state(osim: Any, state: Any, model: Model, coordinates: list[Any], muscles: list[Any]) -> dict[str, Any]:
+def _at_state(osim: Any, state: Any, model: Model) -> dict[str, Any]:
+    coordinates = [osim.getCoordinateSet().get(name) for name in model.coordinate_names]
+    muscles = [osim.getMuscles().get(name) for name in model.muscle_names]
     matter = osim.getMatterSubsystem()
     mass, jacobian = opensim.Matrix(), opensim.Matrix()
     matter.calcM(state, mass)
@@ -242,12 +306,11 @@ def _at_state(osim: Any, state: Any, model: Model, coordinates: list[Any], muscl
 
 def force_per_tension(osim: Any, state: Any, muscle: Any) -> list[float]:
     """Generalised forces of a tension of 1 N, without constraints."""
-    matter = osim.getMatterSubsystem()
     none = opensim.SpatialVec(opensim.Vec3(0), opensim.Vec3(0))
     bodies = 1 + max(b.getMobilizedBodyIndex() for b in osim.getBodyList())
     wrenches, mobility = opensim.VectorOfSpatialVec(bodies, none), opensim.Vector(state.getNU(), 0.0)
     path_of(muscle).addInEquivalentForces(state, 1.0, wrenches, mobility)
     force = opensim.Vector()
-    matter.multiplyBySystemJacobianTranspose(state, wrenches, force)
+    osim.getMatterSubsystem().multiplyBySystemJacobianTranspose(state, wrenches, force)
     total: list[float] = (force.to_numpy() + mobility.to_numpy()).tolist()
     return total

@@ -1,7 +1,5 @@
 """Documents of OpenSim 2 and 3 that OpenSim need not have converted."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

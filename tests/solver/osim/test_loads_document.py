@@ -1,7 +1,5 @@
 """External loads in OpenSim's files: read with their quirks, and a sentence for each fault."""
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 
@@ -31,15 +29,15 @@ XML = """<OpenSimDocument Version="40000"><ExternalLoads name="loads"><objects>
 FORCE = "<force_identifier>handle_v</force_identifier>"
 DISABLED = "<isDisabled>true</isDisabled>"  # OpenSim 3
 OTHER_CASE = pytest.param("Handle.MOT", marks=pytest.mark.skipif(sys.platform == "win32", reason="the same name there"))
+NAMES = [f"handle_{part}{axis}" for part in "vp" for axis in "xyz"]
 MOVED = XML.replace(">handle.mot<", ">{}<")
 
 
 @pytest.fixture
 def files(tmp_path: Path) -> Path:
     """The XML; in the same folder its data, a force of (t, 2 t, 3) N at (0.1, 0.2, 0.3) m of the hand."""
-    names = [f"handle_{part}{axis}" for part in "vp" for axis in "xyz"]
     values = np.column_stack([TIME, 2 * TIME, np.full((5, 4), [3.0, 0.1, 0.2, 0.3])])
-    write_table(tmp_path / "handle.mot", names, TIME, values)
+    write_table(tmp_path / "handle.mot", NAMES, TIME, values)
     file = tmp_path / "handle.xml"
     file.write_text(XML)
     return file
@@ -115,15 +113,14 @@ def test_a_table_in_place_of_its_document_is_one_sentence(files: Path) -> None:
 
 
 def test_a_gap_in_recorded_loads_is_refused_where_the_motion_meets_it(files: Path) -> None:
-    names = [f"handle_{part}{axis}" for part in "vp" for axis in "xyz"]
     time = np.arange(0.0, 1.0, 0.01)
     recorded = time[(time < 0.4) | (time > 0.6)]
-    write_table(files.with_name("handle.mot"), names, recorded, np.ones((len(recorded), 6)))
+    write_table(files.with_name("handle.mot"), NAMES, recorded, np.ones((len(recorded), 6)))
     with raises_refusal(SolverCode.NOT_COVERED, naming="no sample between 0.39 and 0.61 s"):
         read_external_loads(files, MODEL, np.array([0.1, 0.9]))
     assert len(read_external_loads(files, MODEL, np.array([0.1, 0.39]))) == 1
     by_hand = np.array([0.0, 0.01, 0.02, 0.03, 1.0])
-    write_table(files.with_name("handle.mot"), names, by_hand, np.ones((5, 6)))
+    write_table(files.with_name("handle.mot"), NAMES, by_hand, np.ones((5, 6)))
     assert len(read_external_loads(files, MODEL, TIME)) == 1
 
 
@@ -236,8 +233,6 @@ def test_a_load_that_is_not_a_number_is_refused_with_the_remedy(files: Path, col
 @pytest.mark.parametrize("rows", [60, 13, 3])
 def test_loads_in_milliseconds_are_refused(files: Path, rows: int) -> None:
     time = np.linspace(0.2, 1.4, rows)
-    values = np.ones((rows, 6))
-    names = [f"handle_{part}{axis}" for part in "vp" for axis in "xyz"]
-    write_table(files.with_name("handle.mot"), names, 1000 * time, values)
+    write_table(files.with_name("handle.mot"), NAMES, 1000 * time, np.ones((rows, 6)))
     with raises_refusal(SolverCode.TIME_UNIT, naming="handle.mot"):
         read_external_loads(files, MODEL, time)

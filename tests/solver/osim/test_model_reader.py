@@ -1,7 +1,5 @@
 """Models in OpenSim XML, their forces and actuators: values read, defaults, and refusals by element."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

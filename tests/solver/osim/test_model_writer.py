@@ -1,7 +1,5 @@
 """The writer of .osim: read back it is the same model, and what it does not have is refused by name."""
 
-from __future__ import annotations
-
 import xml.etree.ElementTree as Xml
 from dataclasses import fields, is_dataclass, replace
 from pathlib import Path
@@ -49,18 +47,18 @@ def read_back(model: Model, folder: Path) -> Model:
     return read_osim(path)
 
 
-def assert_same(ours: Any, theirs: Any, where: str = "model") -> None:
-    """Field by field; rotations pass through three angles, so numbers may differ in the last digit."""
+def assert_same(ours: Any, theirs: Any, where: str = "model", rtol: float = 0.0, atol: float = 1e-15) -> None:
+    """Field by field; rotations pass through three angles, so numbers of arrays may differ in the last digit."""
     assert type(ours) is type(theirs), where
     if is_dataclass(ours):
         for field in fields(ours):
-            assert_same(getattr(ours, field.name), getattr(theirs, field.name), f"{where}.{field.name}")
+            assert_same(getattr(ours, field.name), getattr(theirs, field.name), f"{where}.{field.name}", rtol, atol)
     elif isinstance(ours, tuple):
         assert len(ours) == len(theirs), where
         for index, (each, other) in enumerate(zip(ours, theirs, strict=True)):
-            assert_same(each, other, f"{where}[{index}]")
-    elif isinstance(ours, np.ndarray):
-        np.testing.assert_allclose(theirs, ours, rtol=0, atol=1e-15, err_msg=where)
+            assert_same(each, other, f"{where}[{index}]", rtol, atol)
+    elif isinstance(ours, np.ndarray) or (rtol and isinstance(ours, float)):
+        np.testing.assert_allclose(theirs, ours, rtol=rtol, atol=atol, err_msg=where)
     else:
         assert ours == theirs, where
 
