@@ -4,18 +4,14 @@ Pelvis, thigh, shank, foot and toes; a patella whose angle follows the knee's; t
 the leg of no person: masses and lengths are about those of an adult.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
-from solver.time_series_table import write_table
+from solver.time_series_table import Array, write_table
 
-Array = NDArray[np.float64]
 Vector = tuple[float, float, float]
 
 PELVIS = ("pelvis_tilt", "pelvis_list", "pelvis_rotation", "pelvis_tx", "pelvis_ty", "pelvis_tz")

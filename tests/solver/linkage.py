@@ -1,7 +1,5 @@
 """Three bodies on a free joint, on curved axes and on a ball: what the bundled model has no joint for."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from solver.functions.coordinate_functions import polynomial, simm_spline

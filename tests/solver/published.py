@@ -5,16 +5,13 @@
 prints how far they are apart, trial by trial.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from solver.cuff import CuffParameters
-from solver.model import Model
+from solver.model import Array, Model
 from solver.motion import Kinematics, differentiate, read_motion
 from solver.osim.model_reader import read_osim
 from solver.redundancy.effort import RedundancyOptions
@@ -24,7 +21,6 @@ from solver.redundancy.sequence import ScenarioSolutions, solve_redundancy
 from tests.fitting.experiment import PUBLISHED
 from tests.solver.references import SHARED
 
-Array = NDArray[np.float64]
 FREE_IN_SHRUGS = ("plane_elv", "axial_rot")
 TRIALS = [
     ("FLX01", "noWeight", ()),

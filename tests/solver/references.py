@@ -1,7 +1,5 @@
 """OpenSim's own values: certified.json for the bundled model, and golden.npz beside the repository."""
 
-from __future__ import annotations
-
 import json
 from functools import cache
 from pathlib import Path

@@ -6,8 +6,6 @@ Without its compiler numba leaves plain functions, whose limits can be changed o
 posture.
 """
 
-from __future__ import annotations
-
 import importlib
 import json
 from collections.abc import Callable, Iterator

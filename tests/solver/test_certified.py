@@ -7,18 +7,15 @@ motions      some frames of every published motion beside the repository, the mo
              golden's states again, for the multipliers that golden.npz does not hold; more with the slow tests
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from solver.bundled import bundled_model
-from solver.model import Model
+from solver.model import Array, Model
 from solver.motion import decimate, differentiate, read_motion
 from solver.multibody.constraints import constraint_gaps, constraint_rows
 from solver.multibody.dynamics import EquationsOfMotion, equations_of_motion, multipliers
@@ -28,7 +25,6 @@ from solver.osim.model_reader import read_osim
 from solver.redundancy.mechanics import ResponseMaps, response_maps
 from tests.solver.references import NO_WEIGHT, SHARED, certified, golden, greatest_difference, relative_difference
 
-Array = NDArray[np.float64]
 _ORACLE, _SHARED = pytest.mark.oracle, pytest.mark.shared
 
 

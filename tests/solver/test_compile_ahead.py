@@ -1,7 +1,5 @@
 """Ahead of an assessment: what it will call is compiled, nothing is left out, and the process goes with its parent."""
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys

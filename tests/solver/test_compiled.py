@@ -1,7 +1,5 @@
 """Compiled kernels: their cache, what they log, and frames that allocate nothing."""
 
-from __future__ import annotations
-
 import errno
 import logging
 import os

@@ -1,7 +1,5 @@
 """The law of a cuff: force, equilibrium and stiffness; figures and covariance by name; another law in a suit."""
 
-from __future__ import annotations
-
 import re
 import sys
 from dataclasses import dataclass

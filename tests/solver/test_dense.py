@@ -1,7 +1,5 @@
 """Compiled linear algebra against NumPy's."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -3,23 +3,19 @@
 Muscle paths as lines: the nodes are those of the lengths that OpenSim certifies, and arcs lie on their surfaces.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Literal
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from solver.bundled import bundled_model, simulate_arm_raise
 from solver.drawing import ARC_POINTS, bone_lines, path_lines, skeleton
-from solver.model import Model, Path, PathPoint, PathWrap, Placement, WrapSurface
+from solver.model import Array, Model, Path, PathPoint, PathWrap, Placement, WrapSurface
 from solver.motion import differentiate
 from solver.multibody.postures import Postures, points_in_ground, postures
 from solver.muscle import evaluate_paths
 
-Array = NDArray[np.float64]
 Kind = Literal["ellipsoid", "sphere", "cylinder", "torus"]
 SIZES = {
     "ellipsoid": (0.05, 0.08, 0.06),

@@ -1,7 +1,5 @@
 """Kernels that a wheel carries; tests/house/test_distribution.py builds and installs one."""
 
-from __future__ import annotations
-
 import importlib
 import logging
 import os

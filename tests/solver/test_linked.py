@@ -5,8 +5,6 @@ numba while a kernel compiles: the same answers with less work, and as before af
 Remembered signatures of operators are those that numba finds, and nothing is remembered that it did not find.
 """
 
-from __future__ import annotations
-
 import gc
 import math
 import operator

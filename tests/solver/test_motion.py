@@ -1,7 +1,5 @@
 """Motions: files read in the unit their header states, the published filter, and sentences for what is missing."""
 
-from __future__ import annotations
-
 from contextlib import nullcontext
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Every compiled iteration of the solver, starved of rounds, says so."""
 
-from __future__ import annotations
-
 import ast
 import json
 import os

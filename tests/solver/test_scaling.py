@@ -1,7 +1,5 @@
 """Scaling: what a body twice as large must have, by geometry alone, and what is reported of one that does not fit."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Tables over time: the header's number of rows beside the file's, and numbers with a decimal comma."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 

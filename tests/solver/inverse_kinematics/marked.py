@@ -1,19 +1,15 @@
 """Models with markers on every body, and what those see of a posture."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from solver.bundled import bundled_model, simulate_arm_raise
 from solver.inverse_kinematics.solve import TrackingTasks, assemble
-from solver.model import GROUND, Marker, Model, PointConstraint
+from solver.model import GROUND, Array, Marker, Model, PointConstraint
 from solver.multibody.postures import points_in_ground, postures
 
-Array = NDArray[np.float64]
 Draw = Callable[[np.random.Generator], Array]
 INTERVAL, FRAMES = 0.01, 400  # s
 

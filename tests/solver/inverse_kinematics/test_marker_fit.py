@@ -3,14 +3,11 @@
 Gaps of a trial: short ones are bridged, long ones end the motion.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from solver.bundled import bundled_model
+from solver.bundled import Array, bundled_model
 from solver.errors import SolverCode
 from solver.inverse_kinematics.marker_fit import (
     TO_Y_UP,
@@ -29,7 +26,6 @@ MARKERS = tasks_of(MODEL).markers
 BUNDLED = bundled_model()
 TIME = np.arange(400) / 100.0
 TRUTH = np.sin(TIME)[:, None] * np.ones(len(BUNDLED.coordinates))
-Array = NDArray[np.float64]
 RATE = 100.0
 
 

@@ -1,16 +1,13 @@
 """The smoother on motions that are known: better than filter and differences, honest, and robust to swaps."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from solver.errors import SolverCode
-from solver.inverse_kinematics.smoother import SmootherOutcome, smooth_motion
+from solver.inverse_kinematics.smoother import Array, SmootherOutcome, smooth_motion
 from solver.inverse_kinematics.solve import solve_inverse_kinematics
 from solver.motion import Motion, differentiate
 from tests.refusals import raises_refusal
@@ -27,7 +24,6 @@ from tests.solver.inverse_kinematics.marked import (
     white_jerk,
 )
 
-Array = NDArray[np.float64]
 NOISE = 1e-3
 CUTOFFS = (1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 6.0)
 MOTIONS = ((white_jerk, 0), (white_jerk, 1), (white_jerk, 3), (sines, 3), (minimum_jerk, 3))

@@ -2,14 +2,11 @@
 solving again with every observation moved.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.optimize import minimize
 from scipy.signal import butter, sosfiltfilt
 
@@ -29,15 +26,15 @@ from solver.inverse_kinematics.solve import (
     solve_inverse_kinematics,
     uncertainty_of_postures,
 )
-from solver.model import CoordinateCoupler, CoordinateLock, Model
+from solver.model import Array, CoordinateCoupler, CoordinateLock, Model
 from solver.osim.model_reader import read_osim
 from solver.osim.tool_setups import read_ik_setup
 from tests.refusals import raises_refusal
 from tests.solver.inverse_kinematics.marked import cost_of, gaps_of, random_postures, seen_from, tasks_of, with_markers
 from tests.solver.linkage import linkage
+from tests.solver.osim.test_model_writer import with_first
 from tests.solver.references import SHARED
 
-Array = NDArray[np.float64]
 MODELS = pytest.mark.parametrize("make", [bundled_model, linkage], ids=["bundled", "linkage"])
 SOLVED = PostureOutcome.SOLVED
 
@@ -47,6 +44,12 @@ def noisy(model: Model, frames: int, noise: float, seed: int = 5) -> tuple[Array
     truth = random_postures(model, frames, 0.2, seed)
     away = np.random.default_rng(seed).uniform(-noise, noise, (frames, len(model.markers), 3))
     return truth, seen_from(model, truth) + away
+
+
+def without_tip(model: Model) -> Model:
+    """Without the markers that pronation moves."""
+    tip = {model.body_index(name) for name in ("hand", "radius")}
+    return replace(model, markers=tuple(marker for marker in model.markers if marker.body not in tip))
 
 
 @MODELS
@@ -123,18 +126,20 @@ def test_only_ratios_of_marker_weights_matter() -> None:
     np.testing.assert_allclose(stated[0].standard_deviation, stated[1].standard_deviation, rtol=1e-8)
 
 
-def test_a_coordinate_that_no_marker_moves_keeps_its_value() -> None:
-    model = with_markers(bundled_model())
-    tip = {model.body_index(name) for name in ("hand", "radius")}
-    kept = tuple(marker for marker in model.markers if marker.body not in tip)
-    model = replace(model, markers=kept)
-    _, observed = noisy(model, 2, 0.01)
-    start = assemble(model)
-    unseen = model.coordinate_index("pro_sup")
+def test_a_coordinate_that_no_marker_moves_keeps_its_value_and_is_not_held() -> None:
+    """A hidden frame has no figures."""
+    model = without_tip(with_markers(bundled_model()))
+    _, observed = noisy(model, 3, 0.01)
+    observed[2] = np.nan
+    start, unseen = assemble(model), model.coordinate_index("pro_sup")
     start[unseen] = 0.7
     found = solve_inverse_kinematics(model, observed, tasks_of(model), start)
-    assert found.outcomes == (SOLVED, SOLVED)
-    np.testing.assert_allclose(found.coordinates[:, unseen], 0.7, atol=1e-12)
+    assert found.outcomes == (SOLVED, SOLVED, PostureOutcome.NO_MARKERS)
+    np.testing.assert_allclose(found.coordinates[:2, unseen], 0.7, atol=1e-12)
+    stated = posture_uncertainty(model, observed, tasks_of(model), found, 1e-3)
+    assert np.flatnonzero(~stated.is_held[0]).tolist() == [unseen]
+    assert np.isinf(stated.standard_deviation[0, unseen])
+    assert np.isnan(stated.covariance[2]).all()
 
 
 @pytest.mark.parametrize("slope", [None, -0.3], ids=["of one", "of two"])
@@ -319,36 +324,15 @@ def test_targets_that_follow_a_coordinate_count_in_posture_and_covariance() -> N
     assert np.abs(alone - q).max() > 0.01
 
 
-def test_a_coordinate_without_markers_is_not_held_and_a_hidden_frame_has_no_figures() -> None:
-    model = with_markers(bundled_model())
-    tip = {model.body_index(name) for name in ("hand", "radius")}
-    markers = tuple(marker for marker in model.markers if marker.body not in tip)
-    model = replace(model, markers=markers)
-    tasks = TrackingTasks(markers, np.ones(len(markers)))
-    _, observed = noisy(model, 2, 0.01)
-    observed[1] = np.nan
-    solution = solve_inverse_kinematics(model, observed, tasks)
-    stated = posture_uncertainty(model, observed, tasks, solution, 1e-3)
-    loose = [name for name, held in zip(model.coordinate_names, stated.is_held[0], strict=True) if not held]
-    assert loose == ["pro_sup"]
-    assert np.isinf(stated.standard_deviation[0, model.coordinate_index("pro_sup")])
-    assert np.isnan(stated.covariance[1]).all()
-
-
 def test_a_clamped_coordinate_that_no_marker_moves_is_not_held_where_it_stands_at_its_bound() -> None:
-    model = with_markers(bundled_model())
+    model = without_tip(with_markers(bundled_model()))
     unseen = model.coordinate_index("pro_sup")
     lowest = model.default_coordinates[unseen]
-    clamped = replace(model.coordinates[unseen], range=(lowest, lowest + 1.0), is_clamped=True)
-    tip = {model.body_index(name) for name in ("hand", "radius")}
-    markers = tuple(marker for marker in model.markers if marker.body not in tip)
-    coordinates = (*model.coordinates[:unseen], clamped, *model.coordinates[unseen + 1 :])
-    model = replace(model, markers=markers, coordinates=coordinates)
-    tasks = TrackingTasks(markers, np.ones(len(markers)))
+    model = with_first(model, "coordinates", unseen, range=(lowest, lowest + 1.0), is_clamped=True)
     _, observed = noisy(model, 1, 0.01)
-    solution = solve_inverse_kinematics(model, observed, tasks)
+    solution = solve_inverse_kinematics(model, observed, tasks_of(model))
     assert solution.coordinates[0, unseen] == lowest
-    assert not posture_uncertainty(model, observed, tasks, solution, 1e-3).is_held[0, unseen]
+    assert not posture_uncertainty(model, observed, tasks_of(model), solution, 1e-3).is_held[0, unseen]
 
 
 @pytest.mark.shared

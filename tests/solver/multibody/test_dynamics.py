@@ -1,14 +1,11 @@
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from solver.bundled import bundled_model
 from solver.errors import SolverCode
-from solver.model import Model
+from solver.model import Array, Model
 from solver.multibody.constraints import constraint_rows
 from solver.multibody.dynamics import equations_of_motion, multipliers, response_to_loads
 from solver.multibody.mass_matrix import fill_responses
@@ -24,8 +21,6 @@ from solver.multibody.postures import (
 from solver.muscle import evaluate_paths, muscle_forces
 from solver.redundancy.mechanics import response_maps
 from tests.refusals import raises_refusal
-
-Array = NDArray[np.float64]
 
 MODEL = bundled_model()
 RANDOM = np.random.default_rng(17)

@@ -1,18 +1,18 @@
 """Derivatives against finite differences along a true motion: q moves with the rates that belong to u."""
 
-from __future__ import annotations
-
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from solver.bundled import bundled_model, simulate_arm_raise
-from solver.errors import SolverCode
+from solver.errors import ScalingCode, SolverCode, describe_codes
 from solver.functions.coordinate_functions import polynomial
-from solver.model import NO_COORDINATE, AxisMotion, Model, with_point_mass
+from solver.model import GROUND, NO_COORDINATE, Array, AxisMotion, Body, Marker, Model, with_point_mass
 from solver.motion import decimate, differentiate
+from solver.multibody.dynamics import equations_of_motion
 from solver.multibody.loads import ExternalForce, LoadWrenches, load_wrenches, on_all_bodies
 from solver.multibody.postures import (
     Postures,
@@ -30,8 +30,6 @@ from solver.multibody.postures import (
 from solver.redundancy.motion_solution import solve_motion
 from tests.refusals import raises_refusal
 from tests.solver.linkage import linkage
-
-Array = NDArray[np.float64]
 
 MODEL = bundled_model()
 MODELS = {"bundled": MODEL, "linkage": linkage()}
@@ -115,23 +113,11 @@ RANDOM_TURNS = np.random.default_rng(5)
 ANGLES = RANDOM_TURNS.uniform(-1.4, 1.4, size=(20, 3))
 
 
-def test_a_rotation_keeps_lengths_and_its_axis() -> None:
+def test_a_rotation_is_that_of_scipy() -> None:
     axis = np.array([0.6, 0.0, -0.8])
-    turned = rotation_about(axis, ANGLES[:, 0])
-    assert np.allclose(turned @ np.swapaxes(turned, 1, 2), np.eye(3), atol=1e-15)
-    assert np.allclose(turned @ axis, axis, atol=1e-15)
-
-
-def test_a_quarter_turn_about_z_takes_x_to_y() -> None:
-    assert np.allclose(rotation_about((0.0, 0.0, 1.0), np.pi / 2) @ [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], atol=1e-15)
-
-
-def test_body_fixed_angles_turn_about_the_axes_already_turned() -> None:
-    angles = (0.3, -0.7, 1.1)
-    first = rotation_about((1.0, 0.0, 0.0), angles[0])
-    second = rotation_about(first @ [0.0, 1.0, 0.0], angles[1])
-    third = rotation_about(second @ first @ [0.0, 0.0, 1.0], angles[2])
-    assert np.allclose(rotation_body_fixed_xyz(angles), third @ second @ first, atol=1e-15)
+    expected = Rotation.from_rotvec(ANGLES[:, :1] * axis).as_matrix()
+    assert np.allclose(rotation_about(axis, ANGLES[:, 0]), expected, atol=1e-15)
+    assert np.allclose(rotation_body_fixed_xyz(ANGLES), Rotation.from_euler("XYZ", ANGLES).as_matrix(), atol=1e-15)
 
 
 def test_angular_rates_are_the_derivative_of_the_rotation() -> None:
@@ -200,3 +186,42 @@ def test_the_total_is_that_of_the_dense_array() -> None:
 def test_a_dense_array_comes_back_as_it_was() -> None:
     dense = LOADS_RANDOM.normal(size=(2, 3, 4, 6))
     assert np.array_equal(on_all_bodies(dense).dense(), dense)
+
+
+# The model: read-only arrays, names, and the codes of findings.
+
+
+def test_arrays_cannot_be_written() -> None:
+    location = np.zeros(3)
+    marker = Marker("here", GROUND, location)
+    with pytest.raises(ValueError, match="read-only"):
+        marker.location[0] = 1.0
+    location[0] = 1.0
+    assert marker.location[0] == 0.0
+
+
+def test_an_unknown_body_and_an_array_of_the_wrong_shape_are_refused() -> None:
+    with raises_refusal(SolverCode.UNKNOWN_NAME, naming="foot"):
+        MODEL.body_index("foot")
+    with raises_refusal(SolverCode.WRONG_SHAPE, naming="Body.inertia"):
+        Body("stick", 1.0, np.zeros(3), np.ones(3))
+
+
+def test_a_point_mass_adds_its_kinetic_energy() -> None:
+    location, mass = np.array([0.1, -0.2, 0.05]), 1.3
+    loaded, u = with_point_mass(MODEL, "humerus", mass, location), RANDOM.normal(size=Q.shape)
+    state, humerus = postures(MODEL, Q, u), MODEL.body_index("humerus")
+    lever = state.rotation_to_ground[:, humerus] @ location
+    velocity = state.origin_velocity[:, humerus] + np.cross(state.angular_velocity[:, humerus], lever)
+    with_it, without = (
+        np.einsum("fi,fij,fj->f", u, equations_of_motion(model, state).mass_matrix, u) / 2 for model in (loaded, MODEL)
+    )
+    assert np.allclose(with_it - without, mass * (velocity**2).sum(axis=1) / 2, rtol=1e-12)
+
+
+def test_a_code_that_several_findings_have_is_listed_once() -> None:
+    found = [
+        SimpleNamespace(code=code) for code in (ScalingCode.PATH_JUMP, ScalingCode.PATH_LENGTH, ScalingCode.PATH_JUMP)
+    ]
+    assert describe_codes(found) == f"; findings: {ScalingCode.PATH_JUMP}, {ScalingCode.PATH_LENGTH}"
+    assert describe_codes([]) == ""

@@ -7,8 +7,6 @@ arm is raised (Hamming et al. 2012, J. Electromyogr. Kinesiol. 22:437, against b
 the arm at a ratio of the person's own (Braman et al. 2009; Dayanidhi et al. 2005).
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 

@@ -1,20 +1,15 @@
 """A person who is not the generic model: drawn sizes, marker offsets and girdle, seen through sliding skin."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from solver.bundled import bundled_model
 from solver.inverse_kinematics.solve import assemble
-from solver.model import Marker, ModelError
+from solver.model import Array, Marker, ModelError
 from solver.multibody.postures import points_in_ground, postures
 from solver.personalisation.anthropometry import BodyPriors, body_factors, population_priors
 from solver.scaling import Scaling, scale_skeleton
-
-Array = NDArray[np.float64]
 
 MODEL = bundled_model()
 PLACES = {

@@ -3,8 +3,6 @@
 Masses, tendons and marker errors of a person: published values come back, and nothing else changes.
 """
 
-from __future__ import annotations
-
 import xml.etree.ElementTree as Xml
 from dataclasses import replace
 from pathlib import Path

@@ -1,15 +1,12 @@
 """The smoother of a wearer's motion, on persons with a known truth whose simulation shares no code with it."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from functools import cache
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
-from solver.inverse_kinematics.solve import InverseKinematics, solve_inverse_kinematics
+from solver.inverse_kinematics.solve import Array, InverseKinematics, solve_inverse_kinematics
 from solver.personalisation.estimate import BodyEstimate, estimate_body, within_ranges
 from solver.personalisation.normal_equations import linearise_constraints
 from solver.personalisation.wearer_motion import WearerMotion, smooth_wearer
@@ -17,7 +14,6 @@ from solver.scaling import scale_skeleton
 from tests.solver.personalisation.measured_person import MARKERS, MeasuredPerson, measure_person
 from tests.solver.personalisation.simulated_person import MODEL
 
-Array = NDArray[np.float64]
 TRACKED = tuple(MODEL.marker(name) for name in MARKERS)
 NORMAL_95 = 1.96
 RAISED = MODEL.coordinate_index("shoulder_elv")

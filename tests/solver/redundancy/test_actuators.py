@@ -1,7 +1,5 @@
 """Actuators on bodies beside those of coordinates, and joint reactions of solved motions."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

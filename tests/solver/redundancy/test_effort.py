@@ -1,12 +1,9 @@
 """A cost of activations of the user's own: against the powers, SciPy's SLSQP and limits; refusals; frame by frame."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy import optimize
 
 from solver.bundled import bundled_model, simulate_arm_raise
 from solver.errors import SolverCode
@@ -14,11 +11,11 @@ from solver.motion import decimate, differentiate
 from solver.redundancy.effort import ActivationCost, RedundancyOptions, Reserve, with_reserves
 from solver.redundancy.mechanics import evaluate_motion
 from solver.redundancy.motion_solution import solve_motion
-from solver.redundancy.problem import FrameOutcome, RedundancyProblem, build_redundancy
+from solver.redundancy.problem import FrameOutcome, build_redundancy
 from solver.redundancy.sequence import FrameByFrame, solve_redundancy
 from solver.stream.stream_solver import StreamSolver
 from tests.refusals import raises_refusal
-from tests.solver.redundancy.test_conic import only
+from tests.solver.redundancy.test_conic import by_least_squares, only, power
 from tests.solver.redundancy.test_elastic import ELASTIC
 from tests.solver.redundancy.test_elastic import MODEL as ELASTIC_MODEL
 from tests.solver.redundancy.test_motion_solution import two_muscles
@@ -29,10 +26,6 @@ SLOW = decimate(differentiate(simulate_arm_raise(MODEL)), 25)
 MUSCLES = len(MODEL.muscles)
 EXPONENTIAL = ActivationCost(lambda a: np.exp(5 * a), lambda a: 5 * np.exp(5 * a), lambda a: 25 * np.exp(5 * a))
 LINEAR = ActivationCost(lambda a: 1.0 * a, np.ones_like, np.zeros_like)
-
-
-def power(p) -> ActivationCost:
-    return ActivationCost(lambda a: a**p, lambda a: p * a ** (p - 1), lambda a: p * (p - 1) * a ** (p - 2))
 
 
 @pytest.mark.parametrize("p", [2, 3])
@@ -55,42 +48,6 @@ def test_the_effort_is_the_least_that_sequential_least_squares_finds(cost: Activ
     peer = by_least_squares(problem, found, cost)
     assert problem.effort.terms(found).sum() <= problem.effort.terms(peer).sum() * (1 + 1e-7)
     assert problem.effort.terms(found).sum() == pytest.approx(problem.effort.terms(peer).sum(), rel=1e-5)
-
-
-def by_least_squares(problem: RedundancyProblem, feasible, cost: ActivationCost):
-    """SLSQP from activations of 0.3, with the accelerations that `feasible` produces."""
-    weights = problem.weights
-    _, sizes, right = np.linalg.svd(problem.matrix[0])
-    rows = right[: int((sizes > 1e-9 * sizes[0]).sum())]
-    cone = problem.cone[0] / 1e3
-    matrix, offset = cone @ problem.reaction_matrix[0, 3:], cone @ problem.reaction_at_rest[0, 0, 3:]
-
-    def effort(x):
-        return weights[:MUSCLES] @ cost.value(x[:MUSCLES]) + weights[MUSCLES:] @ x[MUSCLES:] ** 2
-
-    def slopes(x):
-        return np.r_[weights[:MUSCLES] * cost.slope(x[:MUSCLES]), 2 * weights[MUSCLES:] * x[MUSCLES:]]
-
-    def inside(x):
-        ray = matrix @ x + offset
-        return np.array([ray[0], ray[0] ** 2 - ray[1] ** 2 - ray[2] ** 2])
-
-    def inside_slopes(x):
-        ray = matrix @ x + offset
-        return np.vstack([matrix[0], 2 * ray[0] * matrix[0] - 2 * ray[1:] @ matrix[1:]])
-
-    return optimize.minimize(
-        effort,
-        np.full(len(weights), 0.3),
-        jac=slopes,
-        method="SLSQP",
-        bounds=[(0, 1)] * MUSCLES + [(None, None)] * (len(weights) - MUSCLES),
-        constraints=[
-            {"type": "eq", "fun": lambda x: rows @ (x - feasible), "jac": lambda _: rows},
-            {"type": "ineq", "fun": inside, "jac": inside_slopes},
-        ],
-        options={"ftol": 1e-14, "maxiter": 1000},
-    ).x
 
 
 def test_weights_multiply_a_cost() -> None:

@@ -1,18 +1,14 @@
 """The redundancy problem with elastic tendons: true forces, the least effort, and rigid tendons as a limit."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.optimize import minimize
 
 from solver.bundled import bundled_model, simulate_arm_raise
 from solver.errors import SolverCode
-from solver.functions.muscle_curves import MillardTendon
-from solver.model import Model
+from solver.model import Array, Model
 from solver.motion import Kinematics, decimate, differentiate
 from solver.multibody.dynamics import response_to_loads
 from solver.muscle import MuscleOutcome
@@ -22,8 +18,6 @@ from solver.redundancy.motion_solution import solve_motion
 from solver.redundancy.problem import FrameOutcome
 from solver.tendons.fiber import elastic_forces, elastic_muscles
 from tests.refusals import raises_refusal
-
-Array = NDArray[np.float64]
 
 MODEL = bundled_model()
 MOTION = differentiate(simulate_arm_raise(MODEL), start=1.0, end=1.3)
@@ -106,18 +100,6 @@ def test_the_effort_is_the_least_of_the_curved_problem() -> None:
     assert answer.success and np.abs(gap(x)).max() < 1e-8
     assert weights @ x**2 == pytest.approx(answer.fun, rel=1e-6)
     np.testing.assert_allclose(x[:33], answer.x[:33], rtol=0, atol=2e-4)
-
-
-def test_stiff_tendons_share_the_load_like_rigid_ones() -> None:
-    """With little damping, which rigid tendons leave out."""
-    stiff = MillardTendon(1e-3, 1.375e3)
-    muscles = tuple(replace(m, tendon=m.tendon and stiff, fiber_damping=1e-3) for m in MODEL.muscles)
-    motion = first_frames(12)
-    found, rigid = solve_motion(replace(MODEL, muscles=muscles), motion, ELASTIC), solve_motion(MODEL, motion)
-    usual = solve_motion(MODEL, motion, ELASTIC)
-    assert found.unsolved == 0
-    error, elastic = (np.abs(each.activations - rigid.activations)[4:].max() for each in (found, usual))
-    assert error < 0.15 * elastic
 
 
 def test_other_ways_to_solve_find_the_same() -> None:

@@ -1,7 +1,5 @@
 """Mechanics of a motion: forces left out of a model, and the glenoid's cone with its published angle and axes."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

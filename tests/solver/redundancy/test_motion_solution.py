@@ -3,8 +3,6 @@
 A motion solved in blocks has the solution of all frames at once, and only that takes memory.
 """
 
-from __future__ import annotations
-
 import tracemalloc
 from collections.abc import Callable
 from dataclasses import fields, replace

@@ -1,13 +1,10 @@
 """Options of the problem; what no control reaches and what moves nothing: locks, ranks that change."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from solver.bundled import bundled_model, simulate_arm_raise
 from solver.constraint import CoordinatePrescription
@@ -24,8 +21,6 @@ from solver.redundancy.problem import FrameOutcome, RedundancyProblem, build_red
 from solver.redundancy.sequence import solve_redundancy
 from tests.refusals import raises_refusal
 from tests.solver.references import SHARED
-
-Array = NDArray[np.float64]
 
 MODEL = bundled_model()
 SLOW = decimate(differentiate(simulate_arm_raise(MODEL)), 40)

@@ -1,14 +1,11 @@
 """Muscles frame by frame, beside all frames at once and beside Clarabel."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from solver.bundled import bundled_model, simulate_arm_raise
 from solver.motion import decimate, differentiate
@@ -17,7 +14,6 @@ from solver.redundancy.mechanics import evaluate_motion
 from solver.redundancy.problem import FrameOutcome, LoadResponse, RedundancyProblem, build_redundancy
 from solver.redundancy.sequence import FrameByFrame, ScenarioSolutions, solve_redundancy
 
-Array = NDArray[np.float64]
 MODEL = bundled_model()
 EVERY = 10
 MUSCLES = len(MODEL.muscles)

@@ -1,16 +1,13 @@
 """The bundled arm raise as a stream of markers, with a suit on the body."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from functools import cache
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from solver.bundled import bundled_model, simulate_arm_raise
+from solver.bundled import Array, bundled_model, simulate_arm_raise
 from solver.cuff import CuffParameters
 from solver.inverse_kinematics.solve import TrackingTasks
 from solver.redundancy.mechanics import CENTER_MARKER, EDGE_MARKER, HEAD_MARKER
@@ -19,8 +16,6 @@ from solver.stream.stream_frame import StreamFrame
 from solver.stream.stream_solver import StreamSolver
 from solver.suit.suit import read_suit
 from tests.solver.inverse_kinematics.marked import seen_from, with_markers
-
-Array = NDArray[np.float64]
 
 SKIN = with_markers(bundled_model()).markers
 GLENOID = tuple(bundled_model().marker(name) for name in (CENTER_MARKER, HEAD_MARKER, EDGE_MARKER))

@@ -3,17 +3,13 @@
 Noise measured on line, beside the noise that was drawn and the estimate over the whole record.
 """
 
-from __future__ import annotations
-
 import numpy as np
-from numpy.typing import NDArray
 
-from solver.inverse_kinematics.solve import estimate_marker_noise
+from solver.inverse_kinematics.solve import Array, estimate_marker_noise
 from solver.stream.stream_frame import StreamFrame, StreamOutcome
 from solver.stream.stream_solver import ASSUMED_NOISE, LEAST_NOISE, RunningMarkerNoise
 from tests.solver.stream.streams import FIRST, FRAMES, MODEL, NAMES, NOISE, raised, seen, solver, stream
 
-Array = NDArray[np.float64]
 HELD = [MODEL.coordinate_index(name) for name in ("clav_prot", "scapula_upward_rot", "shoulder_elv", "elbow_flexion")]
 FAULT = range(25, 35)
 INTERVAL, NOISY_FRAMES = 0.01, 1200

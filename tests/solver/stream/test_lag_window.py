@@ -1,19 +1,15 @@
 """The fixed-lag smoother and the smoother of whole records, beside all states conditioned at once."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
 import pytest
 import scipy
-from numpy.typing import NDArray
 
-from solver.inverse_kinematics.smoother import START_SD, smooth_scalar, transition
+from solver.inverse_kinematics.smoother import START_SD, Array, smooth_scalar, transition
 from solver.inverse_kinematics.solve import PostureOutcome
 from solver.stream.lag_window import JERK_INTENSITY, FramePosture, LagWindow
 
-Array = NDArray[np.float64]
 INTERVAL, FRAMES, SD, NOISE = 0.01, 60, 0.002, 4e-4
 TIME = INTERVAL * np.arange(FRAMES)
 

@@ -1,20 +1,17 @@
 """Postures frame by frame beside those of the whole trial, and their deviations over moving skin."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from solver.bundled import bundled_model
 from solver.errors import SolverCode
 from solver.inverse_kinematics.marker_fit import posture_errors
 from solver.inverse_kinematics.solve import PostureOutcome, posture_uncertainty, solve_inverse_kinematics
-from solver.model import ModelError
+from solver.model import Array, ModelError
 from solver.multibody.postures import postures
 from solver.personalisation.estimate import estimate_body, within_ranges
 from solver.personalisation.wearer_motion import WearerMotion, smooth_wearer
@@ -36,7 +33,6 @@ from tests.solver.stream.streams import (
     stream,
 )
 
-Array = NDArray[np.float64]
 SIZE = 2e-3
 AT = 30
 """The frame that is judged: those of the lag follow."""

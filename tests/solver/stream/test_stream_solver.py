@@ -8,17 +8,14 @@ order.
 Suits of the stream beside the offline assessment of the same motion, and models that lack something.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from solver.errors import SolverError
 from solver.inverse_kinematics.solve import TrackingTasks, solve_inverse_kinematics
-from solver.model import Model, ModelError
+from solver.model import Array, Model, ModelError
 from solver.motion import Kinematics, Motion, differentiate, read_motion
 from solver.multibody.postures import points_in_ground, postures
 from solver.osim.model_reader import read_osim
@@ -51,7 +48,6 @@ from tests.solver.stream.streams import (
 )
 
 SHORT = 25
-Array = NDArray[np.float64]
 PLACED_NOISE = 4e-4
 SKIN = ("ij", "ai", "ts", "aa", "gu", "EpL", "centelbow", "centijc7", "centpxt8")
 FRAMES = 30

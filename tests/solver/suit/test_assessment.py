@@ -1,7 +1,5 @@
 """The assessment: relations between its curves, readouts, intervals of draws, and what it refuses."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from types import SimpleNamespace
 

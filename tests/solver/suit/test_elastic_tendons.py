@@ -1,7 +1,5 @@
 """A suit on muscles with elastic tendons: the same as its forces as external loads, and what is refused."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

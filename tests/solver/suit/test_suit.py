@@ -1,7 +1,5 @@
 """The suit file, its masses and refusals, and a suit fitted to a person by markers on its cuffs."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

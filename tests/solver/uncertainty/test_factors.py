@@ -1,7 +1,5 @@
 """Random factors of the sources of uncertainty, and their Sobol indices."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
