@@ -7,9 +7,11 @@ motions      some frames of every published motion beside the repository, the mo
              golden's states again, for the multipliers that golden.npz does not hold; more with the slow tests
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -40,6 +42,10 @@ class Comparison:
     forces: MuscleForces
     maps: ResponseMaps
 
+    @property
+    def strength(self) -> Array:
+        return np.array([muscle.max_isometric_force for muscle in self.model.muscles])
+
     def force_per_tension(self) -> Array:
         wrench, columns = self.paths.wrench_per_tension, jacobians(self.model, self.state)
         return np.einsum("fmbi,fbij->fmj", wrench, columns) + self.paths.mobility_per_tension
@@ -58,56 +64,53 @@ class Comparison:
 )
 def compared(request: pytest.FixtureRequest) -> Comparison:
     model, expected = _REFERENCES[request.param]()
+    length, speed, passive, cosine = np.moveaxis(expected["factors"], -1, 0)
+    forces = {"cosine": cosine, "active_at_rest": length * cosine, "active": length * speed * cosine}
+    return compare(model, expected | forces | {"passive": passive * cosine})
+
+
+def compare(model: Model, expected: dict[str, Array]) -> Comparison:
     state = postures(model, expected["q"], expected["u"])
     equations, paths = equations_of_motion(model, state), evaluate_paths(model, state)
     forces = muscle_forces(model, paths.lengths, paths.speeds)
-    return Comparison(
-        expected, model, state, equations, paths, forces, maps=response_maps(model, state, equations, paths, forces)
-    )
+    maps = response_maps(model, state, equations, paths, forces)
+    return Comparison(expected, model, state, equations, paths, forces, maps)
 
 
-def test_poses_and_velocities_of_bodies(compared: Comparison) -> None:
-    state, expected = compared.state, compared.expected
-    velocity = np.concatenate([state.angular_velocity, state.origin_velocity], axis=-1)
-    assert greatest_difference(state.rotation_to_ground[:, 1:], expected["rotation"]) < 1e-13
-    assert greatest_difference(state.origin_in_ground[:, 1:], expected["origin"]) < 1e-13
-    assert relative_difference(velocity[:, 1:], expected["velocity"]) < 1e-13
+def velocities(c: Comparison) -> Array:
+    return np.concatenate([c.state.angular_velocity, c.state.origin_velocity], axis=-1)[:, 1:]
 
 
-def test_mass_matrix_and_constraint(compared: Comparison) -> None:
-    equations, expected = compared.equations, compared.expected
-    assert relative_difference(equations.mass_matrix, expected["mass_matrix"]) < 1e-12
-    jacobian, bias = constraint_rows(compared.model, compared.state)
-    assert relative_difference(jacobian, expected["constraint_jacobian"]) < 1e-12
-    assert relative_difference(bias, expected["constraint_bias"]) < 1e-12
+def at_rest(c: Comparison) -> Array:
+    """The velocity factor is 1: so the factors of length and velocity hold alone, too."""
+    return muscle_forces(c.model, c.paths.lengths, np.zeros_like(c.paths.lengths)).active
 
 
-def test_path_lengths_and_speeds(compared: Comparison) -> None:
-    assert greatest_difference(compared.paths.lengths, compared.expected["length"]) < 1e-12
-    assert greatest_difference(compared.paths.speeds, compared.expected["speed"]) < 1e-11
+FOUND: dict[str, tuple[Callable[[Comparison], Array], Callable[[Array, Array], float], float]] = {
+    "rotation": (lambda c: c.state.rotation_to_ground[:, 1:], greatest_difference, 1e-13),
+    "origin": (lambda c: c.state.origin_in_ground[:, 1:], greatest_difference, 1e-13),
+    "velocity": (velocities, relative_difference, 1e-13),
+    "mass_matrix": (lambda c: c.equations.mass_matrix, relative_difference, 1e-12),
+    "constraint_jacobian": (lambda c: constraint_rows(c.model, c.state)[0], relative_difference, 1e-12),
+    "constraint_bias": (lambda c: constraint_rows(c.model, c.state)[1], relative_difference, 1e-12),
+    "length": (lambda c: c.paths.lengths, greatest_difference, 1e-12),
+    "speed": (lambda c: c.paths.speeds, greatest_difference, 1e-11),
+    "force_per_tension": (Comparison.force_per_tension, greatest_difference, 1e-11),
+    "cosine": (lambda c: c.forces.cos_pennation, greatest_difference, 1e-12),
+    "active_at_rest": (lambda c: at_rest(c) / c.strength, greatest_difference, 1e-12),
+    "active": (lambda c: c.forces.active / c.strength, greatest_difference, 1e-12),
+    "passive": (lambda c: c.forces.passive / c.strength, greatest_difference, 1e-12),
+    "acceleration_at_rest": (lambda c: c.maps.acceleration_at_rest, relative_difference, 1e-10),
+    "acceleration_per_control": (lambda c: c.maps.acceleration_per_control, relative_difference, 1e-10),
+    "reaction_at_rest": (lambda c: c.maps.reaction_at_rest, relative_difference, 1e-10),
+    "reaction_per_control": (lambda c: c.maps.reaction_per_control, relative_difference, 1e-10),
+}
 
 
-def test_generalised_forces_of_a_unit_tension(compared: Comparison) -> None:
-    assert greatest_difference(compared.force_per_tension(), compared.expected["force_per_tension"]) < 1e-11
-
-
-def test_forces_of_muscles(compared: Comparison) -> None:
-    """In motion and at rest, where the velocity factor is 1: so the factors of length and velocity hold alone, too."""
-    forces, lengths = compared.forces, compared.paths.lengths
-    at_length, at_speed, passive, cosine = np.moveaxis(compared.expected["factors"], -1, 0)
-    strength = np.array([muscle.max_isometric_force for muscle in compared.model.muscles])
-    at_rest = muscle_forces(compared.model, lengths, np.zeros_like(lengths))
-    assert greatest_difference(forces.cos_pennation, cosine) < 1e-12
-    assert greatest_difference(at_rest.active / strength, at_length * cosine) < 1e-12
-    assert greatest_difference(forces.active / strength, at_length * at_speed * cosine) < 1e-12
-    assert greatest_difference(forces.passive / strength, passive * cosine) < 1e-12
-
-
-@pytest.mark.parametrize(
-    "name", ["acceleration_at_rest", "acceleration_per_control", "reaction_at_rest", "reaction_per_control"]
-)
-def test_maps_of_the_redundancy_problem(compared: Comparison, name: str) -> None:
-    assert relative_difference(getattr(compared.maps, name), compared.expected[name]) < 1e-10
+@pytest.mark.parametrize("name", FOUND)
+def test_a_quantity_is_that_of_opensim(compared: Comparison, name: str) -> None:
+    found, difference, tolerance = FOUND[name]
+    assert difference(found(compared), compared.expected[name]) < tolerance
 
 
 def test_constraint_forces(compared: Comparison) -> None:
@@ -133,58 +136,43 @@ def test_gap_of_the_constraint_and_speeds_of_the_scapula() -> None:
 @pytest.mark.parametrize("every", [12, pytest.param(1, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("file", sorted((SHARED / "motions").glob("*.mot")), ids=lambda file: file.stem)
 def test_frames_of_every_published_motion(file: Path, every: int) -> None:
+    model = read_osim(NO_WEIGHT)
+    kinematics = decimate(differentiate(read_motion(file, model)), every)
+    found = compare(model, {"q": kinematics.positions, "u": kinematics.speeds})
+    expected = _oracle(model, NO_WEIGHT).evaluate_at_rest(kinematics.positions, kinematics.speeds, found.forces.passive)
+    for name, values in expected.items():
+        value, difference, tolerance = FOUND[name]
+        assert difference(value(found), values) < tolerance, name
+
+
+def _oracle(*arguments: Any) -> Any:
     pytest.importorskip("opensim", reason="needs OpenSim: install the extra oracle")
     from tests.solver.certify import Oracle
 
-    model = read_osim(NO_WEIGHT)
-    kinematics = decimate(differentiate(read_motion(file, model)), every)
-    q, u = kinematics.positions, kinematics.speeds
-    state = postures(model, q, u)
-    paths, equations = evaluate_paths(model, state), equations_of_motion(model, state)
-    forces = muscle_forces(model, paths.lengths, paths.speeds)
-    maps = response_maps(model, state, equations, paths, forces)
-    at_rest = Oracle(model, NO_WEIGHT).evaluate_at_rest(q, u, forces.passive)
-    assert greatest_difference(paths.lengths, at_rest["length"]) < 1e-12
-    assert greatest_difference(paths.speeds, at_rest["speed"]) < 1e-11
-    assert relative_difference(maps.acceleration_at_rest, at_rest["acceleration_at_rest"]) < 1e-10
-    assert relative_difference(maps.reaction_at_rest, at_rest["reaction_at_rest"]) < 1e-10
-
-
-def _certified() -> tuple[Model, dict[str, Array]]:
-    return bundled_model(), certified()
-
-
-def _golden() -> tuple[Model, dict[str, Array]]:
-    return read_osim(NO_WEIGHT), golden()
+    return Oracle(*arguments)
 
 
 def _random(states: int) -> tuple[Model, dict[str, Array]]:
-    pytest.importorskip("opensim", reason="needs OpenSim: install the extra oracle")
-    from tests.solver.certify import Oracle
-
     model, random = bundled_model(), np.random.default_rng(200)
     q = model.default_coordinates + 0.2 * random.normal(size=(states, len(model.coordinates)))
     # An arm that hangs down is where the shoulder's three angles are singular, and no two programs agree to 1e-12.
     q[:, model.coordinate_index("shoulder_elv")] = random.uniform(0.3, 2.3, states)
-    return model, Oracle(model).evaluate_all(q, random.normal(size=q.shape))
+    return model, _oracle(model).evaluate_all(q, random.normal(size=q.shape))
 
 
 def _motions(every: int) -> tuple[Model, dict[str, Array]]:
-    pytest.importorskip("opensim", reason="needs OpenSim: install the extra oracle")
-    from tests.solver.certify import Oracle
-
     model = read_osim(NO_WEIGHT)
     moves = [differentiate(read_motion(file, model)) for file in sorted((SHARED / "motions").glob("*.mot"))]
     q, u = (
         np.concatenate([*(getattr(move, name)[::every] for move in moves), golden()[letter][:: every // 80]])
         for name, letter in (("positions", "q"), ("speeds", "u"))
     )
-    return model, Oracle(model, NO_WEIGHT).evaluate_all(q, u)
+    return model, _oracle(model, NO_WEIGHT).evaluate_all(q, u)
 
 
 _REFERENCES = {
-    "certified": _certified,
-    "golden": _golden,
+    "certified": lambda: (bundled_model(), certified()),
+    "golden": lambda: (read_osim(NO_WEIGHT), golden()),
     "random": partial(_random, 20),
     "motions": partial(_motions, 240),
     "more random": partial(_random, 60),

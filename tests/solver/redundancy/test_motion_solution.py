@@ -14,7 +14,7 @@ from solver.bundled import bundled_model, simulate_arm_raise
 from solver.errors import SolverCode
 from solver.model import GROUND, CoordinateActuator, Model
 from solver.motion import Kinematics, decimate, differentiate
-from solver.multibody.dynamics import ReactionRequest, response_to_loads
+from solver.multibody.dynamics import ReactionRequest
 from solver.multibody.loads import ExternalForce
 from solver.redundancy import motion_solution as motion_module
 from solver.redundancy.effort import RedundancyOptions, Reserve, with_reserves
@@ -246,23 +246,6 @@ def test_a_problem_that_cannot_be_built_is_refused(model, options, code, naming)
 def test_a_motion_in_which_nothing_can_be_evaluated_is_refused():
     with raises_refusal(SolverCode.NO_ACCELERATIONS, naming="16 postures"):
         solve_motion(MODEL, replace(SLOW, positions=np.full_like(SLOW.positions, np.nan)))
-
-
-def test_a_load_that_lifts_the_arm_saves_effort():
-    mechanics = evaluate_motion(MODEL, SLOW)
-    wrench = np.zeros((len(SLOW.time), 1, len(MODEL.bodies), 6))
-    hand = MODEL.body_index("hand")
-    lift = np.array([0.0, 2.0, 0.0])
-    wrench[:, 0, hand] = np.concatenate(
-        [np.cross(mechanics.state.origin_in_ground[:, hand], lift), np.tile(lift, (len(SLOW.time), 1))], axis=1
-    )
-    response = response_to_loads(mechanics.equations, wrench)
-    loads = LoadResponse(
-        *(np.stack([0 * part, part], axis=0) for part in (response.acceleration[:, 0], response.reaction[:, 0]))
-    )
-    plain, lifted = solve_redundancy(build_redundancy(MODEL, mechanics, RedundancyOptions()), loads).controls[:, :, :33]
-    assert (lifted**2).sum() < 0.9 * (plain**2).sum()
-    np.testing.assert_allclose(plain, solve_motion(MODEL, SLOW).activations, atol=1e-6)
 
 
 def test_a_control_keeps_its_limits_and_muscles_do_the_rest():

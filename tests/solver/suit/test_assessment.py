@@ -12,10 +12,13 @@ from solver.cuff import CuffParameters
 from solver.errors import SolverCode
 from solver.motion import differentiate
 from solver.muscle import MuscleOutcome
-from solver.redundancy.motion_solution import LoadedMotion
+from solver.osim.suited import SuitedModel
+from solver.redundancy.effort import RedundancyOptions
+from solver.redundancy.motion_solution import LoadedMotion, solve_motion
 from solver.redundancy.problem import FrameOutcome
 from solver.suit.assessment import assess
 from solver.suit.cord import CUFF_CONDITIONS
+from solver.suit.optimise import optimise_suit
 from solver.suit.quantity import (
     CensoredEnd,
     EdgeBounds,
@@ -54,11 +57,16 @@ def curve(assessment, condition, cuff="hand"):
     return found
 
 
-def test_every_frame_of_every_scenario_is_solved(assessment):
+def test_every_scenario_is_solved_and_saves_effort_but_for_the_suits_mass_and_a_slack_cord(assessment):
     assert len(assessment.time) == 11
     assert assessment.scenarios == 2 + 4 * 10  # slack and bare, 4 curves at 9 rest lengths and the reference
-    assert assessment.unsolved == 0
-    assert assessment.outcomes == {}
+    assert assessment.unsolved == 0 and assessment.outcomes == {}
+    assert 0.9 < assessment.bare_body_cost < 0.995
+    assert assessment.longest_cord < SUIT.rest_lengths[-1]
+    for found in assessment.curves:
+        assert found.cost[-1] == pytest.approx(1, abs=1e-6)
+        assert found.cost.min() < 0.95
+        assert found.reserve_cost.max() < 0.01
 
 
 def test_frames_with_a_path_that_did_not_converge_are_counted(assessment):
@@ -77,22 +85,6 @@ def test_a_posture_without_finite_accelerations_is_left_out_of_every_cost(assess
         assert np.isfinite(each.cost).all()
         assert np.isfinite([figure.value for figure in each.reduction.values() if figure.value is not None]).all()
         assert np.flatnonzero(np.isnan(each.activations).any(axis=1)).tolist() == [2]
-
-
-def test_a_cord_longer_than_its_line_saves_nothing(assessment):
-    assert assessment.longest_cord < SUIT.rest_lengths[-1]
-    for found in assessment.curves:
-        assert found.cost[-1] == pytest.approx(1, abs=1e-6)
-
-
-def test_the_suits_mass_costs_something(assessment):
-    assert 0.9 < assessment.bare_body_cost < 0.995
-
-
-def test_the_suit_saves_effort_and_hardly_needs_reserves(assessment):
-    for found in assessment.curves:
-        assert found.cost.min() < 0.95
-        assert found.reserve_cost.max() < 0.01
 
 
 def test_migration_moves_the_curve_and_changes_nothing_else(assessment):
@@ -349,3 +341,34 @@ def test_beyond_the_edge_the_cost_is_lower_and_a_shorter_cord_is_farther_from_sl
     assert bounds is not None and bounds.sides.tolist() == sides
     np.testing.assert_array_equal(bounds.values, table[:, column])
     assert edge_bounds(SimpleNamespace(bounds=table), "cord_force") is None  # type: ignore[arg-type]
+
+
+# Muscles with elastic tendons: the same as with the forces of the cord as external loads, and what is refused.
+
+
+SHORT = replace(SUIT, rest_lengths=np.array([0.7, 0.75]))
+SIX_FRAMES = differentiate(simulate_arm_raise(MODEL), start=1.0, end=1.05)
+ELASTIC = LoadedMotion(MODEL, SIX_FRAMES, options=RedundancyOptions(tendons="elastic"))
+
+
+def test_an_elastic_scenario_is_the_motion_with_the_forces_of_the_cord_as_loads():
+    found, suited = assess(ELASTIC, SHORT, (HAND,)), SuitedModel(MODEL, SHORT, None, None)
+    slack, worn = (
+        solve_motion(suited.model, SIX_FRAMES, ELASTIC.options, loads=loads) for loads in ((), suited.loads(SIX_FRAMES))
+    )
+    np.testing.assert_allclose(found.slack, slack.activations, rtol=0, atol=1e-7)
+    rigid = found.curves[0]
+    np.testing.assert_allclose(rigid.activations, worn.activations, rtol=0, atol=1e-6)
+    effort, before = (float((solution.activations**2).sum()) for solution in (worn, slack))
+    assert rigid.cost[1] == pytest.approx(effort / before, rel=1e-6)
+    assert rigid.cost[1] != pytest.approx(1.0, abs=0.02)
+    with_rigid_tendons = assess(LoadedMotion(MODEL, SIX_FRAMES), SHORT, (HAND,))
+    assert found.unsolved == with_rigid_tendons.unsolved == 0
+    assert abs(rigid.cost[0] - with_rigid_tendons.curves[0].cost[0]) > 1e-4
+
+
+def test_single_frames_with_elastic_tendons_are_refused():
+    with raises_refusal(SolverCode.UNSUPPORTED, naming="every 2-th"):
+        assess(ELASTIC, SHORT, (HAND,), every=2)
+    with raises_refusal(SolverCode.UNSUPPORTED, naming="fibre velocities"):
+        optimise_suit(ELASTIC, SHORT, (None, HAND), every=20)
