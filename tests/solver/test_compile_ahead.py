@@ -74,27 +74,17 @@ for name, module in list(sys.modules.items()):
 DYNAMICS = (mass_matrix_and_bias, fill_responses, evaluate_chain)
 
 
-@pytest.fixture(scope="module")
-def ran(tmp_path_factory: pytest.TempPathFactory) -> subprocess.CompletedProcess[str]:
-    """A process without what other tests have compiled: ahead of an assessment, and the assessment."""
-    file = tmp_path_factory.mktemp("cuffs") / "cuffs.json"
+@pytest.mark.slow
+def test_after_it_an_assessment_compiles_nothing_and_it_says_how_many_kernels_are_ready(tmp_path: Path) -> None:
+    """In a process without what other tests have compiled: ahead of an assessment, and the assessment."""
+    file = tmp_path / "cuffs.json"
     file.write_text(json.dumps({"cuffs": CUFFS}), encoding="utf-8")
-    return subprocess.run(  # noqa: S603
-        [sys.executable, "-c", ASSESS_AFTERWARDS, str(file)], capture_output=True, text=True, check=False
-    )
-
-
-@pytest.mark.slow
-def test_after_it_an_assessment_compiles_nothing(ran: subprocess.CompletedProcess[str]) -> None:
-    assert ran.returncode == 0, ran.stderr
-
-
-@pytest.mark.slow
-def test_it_says_how_many_kernels_are_ready(ran: subprocess.CompletedProcess[str]) -> None:
+    command = [sys.executable, "-c", ASSESS_AFTERWARDS, str(file)]
+    ran = subprocess.run(command, capture_output=True, text=True, check=False)  # noqa: S603
+    assert (ran.returncode, ran.stderr) == (0, "")
     counts = [json.loads(line) for line in ran.stdout.splitlines()]
     assert counts[-1] == {"ready": 12, "kernels": 12}
     assert [count["ready"] for count in counts] == sorted(count["ready"] for count in counts)
-    assert ran.stderr == ""
 
 
 @pytest.mark.slow

@@ -66,21 +66,15 @@ def module(
 
 
 @has_instructions
+@pytest.mark.parametrize("is_writable", [True, False])
 def test_a_shipped_kernel_is_loaded_and_no_file_is_written(
-    module: ModuleType, tmp_path: Path, caplog: pytest.LogCaptureFixture
+    module: ModuleType, tmp_path: Path, caplog: pytest.LogCaptureFixture, is_writable: bool
 ) -> None:
+    if not is_writable:
+        module.kernel._cache = compiled._NoCache(module.kernel.py_func)
     assert module.kernel(3.0) == 6.0
     assert not caplog.records
     assert not [path for path in (tmp_path / "cache").rglob("*") if path.is_file()]
-
-
-@has_instructions
-def test_a_shipped_kernel_is_loaded_where_no_folder_is_writable(
-    module: ModuleType, caplog: pytest.LogCaptureFixture
-) -> None:
-    module.kernel._cache = compiled._NoCache(module.kernel.py_func)
-    assert module.kernel(3.0) == 6.0
-    assert not caplog.records
 
 
 @pytest.mark.parametrize("difference", ["numba", "processor", "source", "types", "damage"])

@@ -28,7 +28,9 @@ from packaging.requirements import Requirement
 from packaging.version import Version
 
 from solver.compiled import compiled, compiled_for_python, compiled_with_allocation
+from solver.dense import invert_part, matrix_times
 from solver.linked import FUNCTIONS, PrivateKernelCompiler, remember_signatures, short_compilation
+from solver.redundancy.reduction import CACHE_LINE, aligned
 
 types: Any = numba_types  # without types of its own
 KINDS = (
@@ -281,3 +283,35 @@ def test_they_are_looked_up_once_unless_there_is_none() -> None:
             resolved.get_call_type(typing, ("none",), {})
         resolved.get_call_type(typing, ("c",), {"key": "d"})
     assert asked == [("a", "b"), ("none",), ("c",), ("none",), ("c",)]
+
+
+# Compiled linear algebra against that of NumPy.
+
+
+@compiled_for_python
+def _run(system: Any, count: int, pivot: Any, matrix: Any, rows: Any, product: Any) -> None:
+    invert_part(system, count, pivot)
+    matrix_times(matrix, rows, product)
+
+
+def test_a_part_of_a_matrix_is_inverted_and_a_product_fills_the_first_columns() -> None:
+    random, count, rows, width = np.random.default_rng(7), 7, 2, 12
+    root, B, C = random.normal(size=(count, count)), random.normal(size=(rows, count)), random.normal(size=(rows, rows))
+    A = root @ root.T + np.eye(count)
+    system = np.zeros((count + rows, width))
+    system[:, : count + rows] = np.block([[A, B.T], [B, C]])
+    matrix, factor, product = random.normal(size=(3, 6)), random.normal(size=(6, 33)), np.full((3, 35), 9.0)
+    _run(system, count, np.zeros(width), matrix, factor, product)
+    inverse = np.linalg.inv(A)
+    expected = np.block([[inverse, inverse @ B.T], [-B @ inverse, C - B @ inverse @ B.T]])
+    np.testing.assert_allclose(system[:, : count + rows], expected, atol=1e-12)
+    assert not system[:, count + rows :].any()
+    np.testing.assert_allclose(product[:, :33], matrix @ factor, atol=1e-13)
+    assert (product[:, 33:] == 9.0).all()
+
+
+def test_aligned_memory_starts_at_a_cache_line() -> None:
+    arrays = [aligned(rows, 33) for rows in range(1, 12)]
+    assert {array.ctypes.data % CACHE_LINE for array in arrays} == {0}
+    assert all(array.flags.c_contiguous and array.shape == (rows, 33) for rows, array in enumerate(arrays, 1))
+    assert not any(array.any() for array in arrays)

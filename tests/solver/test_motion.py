@@ -1,7 +1,9 @@
 """Motions: files read in the unit their header states, the published filter, and sentences for what is missing."""
 
+from collections.abc import Callable
 from contextlib import nullcontext
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,7 +14,8 @@ from solver.functions.coordinate_functions import polynomial
 from solver.model import Coordinate, Model
 from solver.motion import Motion, decimate, differentiate, limits_outside, read_motion
 from solver.motion_splines import LEAST_FRAMES, differentiate_by_splines, held_by_constraints
-from solver.time_series_table import write_table
+from solver.suit.suit import read_suit
+from solver.time_series_table import TableHeader, read_table, write_table
 from tests.refusals import raises_refusal
 
 MOT = """Coordinates
@@ -46,11 +49,25 @@ def gain(frequency):
     return np.ptp(smooth) / np.ptp(sine(frequency).coordinates[200:400, 0])
 
 
-@pytest.mark.parametrize(("degrees", "half_turn"), [("yes", np.pi), ("no", 180.0)])
-def test_angles_follow_the_header_and_translations_stay_metres(tmp_path, degrees, half_turn):
-    path = tmp_path / "raise.mot"
-    path.write_text(MOT.format(degrees=degrees))
-    motion = read_motion(path, model("thorax_tx", "shoulder_elv"))
+IN_DEGREES, IN_RADIANS = MOT.format(degrees="yes"), MOT.format(degrees="no")
+SIMM = IN_DEGREES.replace("version=1\n", "").replace("inDegrees=yes\n", "name raise\n")
+STATES = "Coordinates\nnRows=3\nnColumns=4\nAngles are in degrees.\n" + MOT[MOT.index("endheader") :]
+UNITS = {
+    "header in degrees": ("raise.mot", IN_DEGREES, np.pi),
+    "header in radians": ("raise.mot", IN_RADIANS, 180.0),
+    "states without version, whose unit is in words": ("raise.sto", STATES, np.pi),
+    "SIMM, with paths of states": (
+        "raise.mot",
+        SIMM.replace("shoulder_elv", "/jointset/shoulder/shoulder_elv/value"),
+        np.pi,
+    ),
+}
+
+
+@pytest.mark.parametrize(("name", "text", "half_turn"), UNITS.values(), ids=UNITS)
+def test_angles_follow_the_header_and_translations_stay_metres(tmp_path, name, text, half_turn):
+    (tmp_path / name).write_text(text)
+    motion = read_motion(tmp_path / name, model("thorax_tx", "shoulder_elv"))
     np.testing.assert_allclose(motion.coordinates[1], [0.6, half_turn])
     np.testing.assert_allclose(motion.time, [0, 0.01, 0.02])
 
@@ -74,27 +91,6 @@ def test_the_unit_of_angles_is_what_opensim_reads_in_the_header(tmp_path, line, 
         opensim = pytest.importorskip("opensim")
         storage = opensim.Storage(str(path))
         assert storage.isInDegrees() == (half_turn == np.pi)
-
-
-def test_a_table_of_states_without_version_says_its_unit_in_words(tmp_path):
-    path = tmp_path / "raise.sto"
-    header = "Coordinates\nnRows=3\nnColumns=4\nAngles are in degrees.\n"
-    path.write_text(header + MOT[MOT.index("endheader") :])
-    np.testing.assert_allclose(read_motion(path, model("thorax_tx", "shoulder_elv")).coordinates[1], [0.6, np.pi])
-
-
-def test_a_csv_may_begin_with_a_byte_order_mark(tmp_path):
-    path = tmp_path / "raise.csv"
-    path.write_text("time,a\n0,1\n0.01,2\n0.02,3\n", encoding="utf-8-sig")
-    np.testing.assert_allclose(read_motion(path, model("a")).coordinates[:, 0], [1, 2, 3])
-
-
-def test_a_motion_file_of_simm_is_in_degrees_and_columns_may_be_paths_of_states(tmp_path):
-    path = tmp_path / "raise.mot"
-    text = MOT.format(degrees="yes").replace("version=1\n", "").replace("inDegrees=yes\n", "name raise\n")
-    path.write_text(text.replace("shoulder_elv", "/jointset/shoulder/shoulder_elv/value"))
-    motion = read_motion(path, model("thorax_tx", "shoulder_elv"))
-    np.testing.assert_allclose(motion.coordinates[1], [0.6, np.pi])
 
 
 def test_a_coordinate_without_a_column_keeps_its_default_on_request_but_not_all_of_them(tmp_path):
@@ -136,11 +132,14 @@ def test_what_is_written_is_read_again(tmp_path, suffix):
 
 
 @pytest.mark.parametrize(
-    ("name", "separator", "header"), [("m.csv", ",", ""), ("m.mot", "\t", "inDegrees=no\nendheader\n")]
+    ("name", "separator", "header"),
+    [("m.csv", ",", ""), ("m.csv", ",", "\ufeff"), ("m.mot", "\t", "inDegrees=no\nendheader\n")],
+    ids=["csv", "csv with a byte order mark", "mot"],
 )
 def test_the_name_of_a_coordinate_may_contain_spaces(tmp_path, name, separator, header):
     rows = (("time", "elbow flexion"), ("0", "1"), ("0.01", "2"), ("0.02", "3"))
-    (tmp_path / name).write_text(header + "\n".join(separator.join(row) for row in rows) + "\n")
+    text = header + "\n".join(separator.join(row) for row in rows) + "\n"
+    (tmp_path / name).write_text(text, encoding="utf-8")
     motion = read_motion(tmp_path / name, model("elbow flexion"))
     np.testing.assert_array_equal(motion.coordinates[:, 0], [1, 2, 3])
 
@@ -198,12 +197,6 @@ def test_a_frame_that_is_missing_is_no_rounding(tmp_path, missing):
     assert motion.steps == pytest.approx((0.016, 0.034), abs=0.0011)
 
 
-def test_steps_that_change_are_no_rounding(tmp_path):
-    time = np.cumsum(np.linspace(0.016, 0.018, 300))
-    motion = read_motion(printed(tmp_path / "m.mot", time, 3), ONE)
-    np.testing.assert_allclose(motion.steps, (0.016, 0.018), rtol=1e-9)
-
-
 @pytest.mark.parametrize(("value", "is_refused"), [("1e200", True), ("-2e6", True), ("-9e5", False)])
 def test_a_value_that_no_coordinate_reaches_is_refused(tmp_path, value, is_refused):
     path = tmp_path / "m.mot"
@@ -223,10 +216,7 @@ def test_kinematics_keep_the_recorded_steps_of_a_motion(tmp_path, derive):
 def test_a_motion_with_steps_of_an_integrator_is_interpolated(tmp_path):
     whole = np.arange(300) / 1000
     time = np.sort(np.concatenate([whole, whole[40:80:7] + 2e-4, [whole[-1] + 3.3e-4]]))
-    path = tmp_path / "rra.sto"
-    rows = "\n".join(f"{t:.10f}\t{np.sin(9 * t):.12f}" for t in time)
-    path.write_text(f"motion\nendheader\ntime\ta\n{rows}\n")
-    motion = read_motion(path, ONE)
+    motion = read_motion(printed(tmp_path / "rra.sto", time, 10, 12), ONE)
     np.testing.assert_allclose(motion.time, whole, atol=1e-12)
     np.testing.assert_allclose(motion.coordinates[:, 0], np.sin(9 * whole), atol=1e-11)
     np.testing.assert_allclose(motion.steps, (2e-4, 1e-3), rtol=1e-9)
@@ -451,3 +441,89 @@ def test_a_motion_that_is_too_short_or_a_cutoff_that_is_too_high_is_refused():
         differentiate_by_splines(motion(TIME[: LEAST_FRAMES - 1]))
     with raises_refusal(SolverCode.WRONG_CUTOFF):
         differentiate_by_splines(motion(), 50.0)
+
+
+# Tables over time: the header's number of rows beside the file's, and numbers with a decimal comma.
+
+
+ROWS = "time\ta\n0\t1\n0.01\t2\n0.02\t3\n"
+
+
+@pytest.mark.parametrize(
+    ("line", "stated"),
+    [
+        ("nRows=3", 3),
+        ("nRows=5", 5),
+        ("nRows = 2\t\t", 2),
+        ("datarows 5", 5),
+        ("nRows=", None),
+        ("nRows=-1", None),
+        (f"nRows={'9' * 5000}", None),
+    ],
+)
+def test_all_rows_are_read_whatever_the_header_states(tmp_path, line, stated):
+    path = tmp_path / "m.sto"
+    path.write_text(f"m\nversion=1\n{line}\nnColumns=2\nendheader\n{ROWS}")
+    names, table, header = read_table(path)
+    assert names == ["time", "a"]
+    np.testing.assert_array_equal(table[:, 1], [1, 2, 3])
+    assert header == TableHeader(rows=stated)
+
+
+@pytest.mark.parametrize("encoding", ["utf-16", "utf-16-le", "utf-16-be", "utf-32"])
+@pytest.mark.parametrize("name", ["m.sto", "m.csv"])
+def test_a_table_in_utf16_is_refused_with_its_encoding(tmp_path, name: str, encoding: str) -> None:
+    path = tmp_path / name
+    path.write_text(f"m\nendheader\n{ROWS}", encoding=encoding)
+    with raises_refusal(SolverCode.MALFORMED_TABLE, naming="UTF-16"):
+        read_table(path)
+
+
+@pytest.mark.parametrize(("stated", "of_storage"), [(3, 3), (5, 3), (2, 2)])
+def test_opensim_takes_a_cut_file_and_its_storage_no_more_rows_than_stated(
+    tmp_path, stated: int, of_storage: int
+) -> None:
+    opensim = pytest.importorskip("opensim")
+    path = tmp_path / "m.sto"
+    path.write_text(f"m\nversion=1\nnRows={stated}\nnColumns=2\ninDegrees=no\nendheader\n{ROWS}")
+    assert opensim.Storage(str(path)).getSize() == of_storage
+    assert opensim.TimeSeriesTable(str(path)).getNumRows() == len(read_table(path)[1]) == 3
+
+
+@pytest.mark.parametrize(
+    ("name", "names", "rows", "shown"),
+    [
+        ("m.csv", "time,a", ["0,00,1,5", "0,01,1,6"], "0,00"),
+        ("m.csv", "time,a", ["0,1,5", "0,01,1,6"], "0,1"),
+        ("m.csv", "time;a", ["0,00;1,5", "0,01;1,6"], "0,00"),
+        ("m.csv", "time;a", ["0;1,5e-3", "1;1,6"], "1,5e-3"),
+        ("m.sto", "time\ta", ["0,00\t-1,5", "0,01\t1,6"], "0,00"),
+        ("m.mot", "time a", ["0 1,5", "1 1,6"], "1,5"),
+        ("m.sto", "time\thip flexion", ["0,00\t1,5", "0,01\t1,6"], "0,00"),
+        ("m.sto", "time\ta", ["0\t1", "0,01\t1,6"], "0,01"),
+    ],
+)
+def test_a_decimal_comma_is_named(tmp_path, name: str, names: str, rows: list[str], shown: str) -> None:
+    head = "" if name.endswith(".csv") else "m\nendheader\n"
+    (tmp_path / name).write_text("\n".join([head + names, *rows]) + "\n")
+    with raises_refusal(SolverCode.MALFORMED_TABLE, naming=f"decimal comma, as in {shown};"):
+        read_table(tmp_path / name)
+
+
+@pytest.mark.parametrize("rows", [["0,1", "0.01,2,3"], ["0.5,1,2", "1.5,2,3"], ["0,one", "1,two"]])
+def test_another_fault_is_not_called_a_decimal_comma(tmp_path, rows: list[str]) -> None:
+    path = tmp_path / "m.csv"
+    path.write_text("\n".join(["time,a", *rows]) + "\n")
+    with raises_refusal(SolverCode.MALFORMED_TABLE) as refused:
+        read_table(path)
+    assert "decimal comma" not in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    ("read", "code"), [(read_table, SolverCode.UNREADABLE_TABLE), (read_suit, SolverCode.SUIT_FILE)]
+)
+def test_a_file_that_cannot_be_read_is_named_once(tmp_path, read: Callable[[Path], object], code: SolverCode) -> None:
+    path = tmp_path / "missing.file"
+    with raises_refusal(code) as caught:
+        read(path)
+    assert str(caught.value).count(str(path)) == 1
