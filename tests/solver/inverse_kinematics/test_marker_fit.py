@@ -63,16 +63,18 @@ def solution(*hidden: slice) -> InverseKinematics:
     )
 
 
-def test_a_gap_of_a_quarter_of_a_second_is_interpolated() -> None:
-    whole = longest_whole_motion(BUNDLED, TIME, solution(slice(100, 125)))
-    assert (whole.start, whole.interpolated, whole.left_out) == (0, 25, 0)
-    np.testing.assert_allclose(whole.motion.coordinates, TRUTH, atol=5e-3)
-
-
-def test_the_longest_part_between_longer_gaps_is_kept() -> None:
-    whole = longest_whole_motion(BUNDLED, TIME, solution(slice(0, 3), slice(100, 126), slice(380, 400)))
-    assert (whole.start, whole.interpolated, whole.left_out) == (126, 0, 146)
-    np.testing.assert_array_equal(whole.motion.time, TIME[126:380])
+@pytest.mark.parametrize(
+    ("hidden", "start", "interpolated", "left_out"),
+    [([slice(100, 125)], 0, 25, 0), ([slice(0, 3), slice(100, 126), slice(380, 400)], 126, 0, 146)],
+)
+def test_a_gap_of_a_quarter_of_a_second_is_interpolated_and_the_longest_part_between_longer_ones_is_kept(
+    hidden: list[slice], start: int, interpolated: int, left_out: int
+) -> None:
+    whole = longest_whole_motion(BUNDLED, TIME, solution(*hidden))
+    assert (whole.start, whole.interpolated, whole.left_out) == (start, interpolated, left_out)
+    kept = slice(start, start + len(TIME) - left_out)
+    np.testing.assert_array_equal(whole.motion.time, TIME[kept])
+    np.testing.assert_allclose(whole.motion.coordinates, TRUTH[kept], atol=5e-3)
 
 
 def test_a_trial_with_hardly_any_posture_is_refused() -> None:
@@ -99,29 +101,25 @@ def exchanged(observed: Array, one: int, other: int, start: int, stop: int) -> A
     return changed
 
 
-def test_a_trial_without_exchanges_has_none() -> None:
-    observed = moving()
-    observed[50:80, 2] = np.nan
-    assert find_exchanges(observed) == ()
+def test_a_gap_or_a_marker_that_jumps_away_is_no_exchange() -> None:
+    for hidden, away in ((np.nan, 0.0), (0.0, np.array([0.1, 0.0, 0.1]))):
+        observed = moving()
+        observed[50:80, 2] += hidden
+        observed[60:80, 3] += away
+        assert find_exchanges(observed) == ()
 
 
-@pytest.mark.parametrize("pair", [(0, 1), (2, 7), (3, 5)])
-def test_an_exchange_of_two_tenths_of_a_second_is_found_with_its_frames(pair: tuple[int, int]) -> None:
-    assert find_exchanges(exchanged(moving(), *pair, 60, 80)) == (Exchange(pair, 60, 80),)
+@pytest.mark.parametrize(
+    ("pair", "start", "stop"),
+    [((0, 1), 60, 80), ((2, 7), 60, 80), ((3, 5), 60, 80), ((1, 2), 150, 200), ((1, 2), 0, 50)],
+)
+def test_an_exchange_is_found_with_its_frames_and_labels_are_right_in_the_longer_part(
+    pair: tuple[int, int], start: int, stop: int
+) -> None:
+    assert find_exchanges(exchanged(moving(), *pair, start, stop)) == (Exchange(pair, start, stop),)
 
 
 def test_an_exchange_is_found_across_a_gap_and_beside_another() -> None:
     observed = exchanged(exchanged(moving(), 0, 1, 60, 80), 4, 6, 70, 90)
     observed[58:60, 0] = np.nan
     assert find_exchanges(observed) == (Exchange((0, 1), 60, 80), Exchange((4, 6), 70, 90))
-
-
-@pytest.mark.parametrize(("start", "stop"), [(150, 200), (0, 50)])
-def test_labels_are_taken_to_be_right_in_the_longer_part(start: int, stop: int) -> None:
-    assert find_exchanges(exchanged(moving(), 1, 2, start, stop)) == (Exchange((1, 2), start, stop),)
-
-
-def test_a_marker_that_jumps_away_is_not_exchanged() -> None:
-    observed = moving()
-    observed[60:80, 3] += [0.1, 0.0, 0.1]
-    assert find_exchanges(observed) == ()

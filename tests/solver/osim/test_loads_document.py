@@ -105,9 +105,6 @@ def test_a_fault_in_the_file_of_loads_is_one_sentence(
     files.write_text(XML.replace(old, new))
     with raises_refusal(code, naming):
         read_external_loads(files, MODEL, TIME)
-
-
-def test_a_table_in_place_of_its_document_is_one_sentence(files: Path) -> None:
     with raises_refusal(SolverCode.WRONG_DOCUMENT, naming="handle.mot should be OpenSim's ExternalLoads"):
         read_external_loads(files.with_name("handle.mot"), MODEL, TIME)
 
@@ -187,21 +184,28 @@ def test_a_load_on_the_ground_and_an_element_that_is_not_used_are_named(files: P
     assert found.unused == ("<external_loads_model_kinematics_file> walk.mot (line 10)",)
 
 
-def test_a_switch_that_opensim_does_not_know_there_is_named(files: Path) -> None:
-    """ExternalForce has appliesForce, whose value false leaves the force out; apply is not a property of it."""
-    files.write_text(XML.replace("<applied_to", "<apply>false</apply><applied_to"))
-    assert [text.partition(" (")[0] for text in read_loads_document(files).unused] == ["<apply> false"]
+AGAIN = "<applied_to_body>ground</applied_to_body>"
 
 
-def test_an_element_that_repeats_one_above_is_named(files: Path) -> None:
-    """OpenSim 4.5 takes the first of a tag, of the loads and of one load."""
-    files.write_text(
-        XML.replace("<force_id", "<applied_to_body>ground</applied_to_body><force_id", 1).replace(
-            "</datafile>", "</datafile><datafile>other.mot</datafile>"
-        )
-    )
-    found = [text.partition(" (")[0] for text in read_loads_document(files).unused]
-    assert found == ["<applied_to_body> ground", "<datafile> other.mot"]
+@pytest.mark.parametrize(
+    ("exchanged", "named"),
+    [
+        ({"<applied_to": "<apply>false</apply><applied_to"}, ["<apply> false"]),
+        (
+            {"<force_id": f"{AGAIN}<force_id", "</datafile>": "</datafile><datafile>other.mot</datafile>"},
+            ["<applied_to_body> ground", "<datafile> other.mot"],
+        ),
+    ],
+)
+def test_a_switch_that_is_no_property_of_a_load_and_an_element_that_repeats_one_above_are_named(
+    files: Path, exchanged: dict[str, str], named: list[str]
+) -> None:
+    """ExternalForce has appliesForce, not apply; OpenSim 4.5 takes the first of a tag, of the loads and of one load."""
+    text = XML
+    for old, new in exchanged.items():
+        text = text.replace(old, new, 1)
+    files.write_text(text)
+    assert [unused.partition(" (")[0] for unused in read_loads_document(files).unused] == named
 
 
 def with_nan(files: Path, column: str, row: int, force: float) -> None:

@@ -30,7 +30,7 @@ from solver.functions.coordinate_functions import (
     smooth_step,
 )
 from solver.functions.muscle_curves import DeGrooteFreglyCurves, SchutteCurves, ThelenCurves, ThelenTendon
-from solver.model import BallMotion, Model
+from solver.model import BallMotion, Marker, Model
 from solver.multibody.postures import rotation_body_fixed_xyz
 from solver.osim.model_reader import read_osim
 from solver.osim.model_writer import osim_document, read_marker_set, with_markers
@@ -117,24 +117,19 @@ def test_a_locked_coordinate_comes_back_with_its_value_as_default(tmp_path: Path
 
 
 MUSCLE = replace(MODEL.muscles[0], fiber_damping=0.0)
+STEEPEST = {"maximum_pennation": np.pi / 2}
+BENT = simm_spline(np.array([0.4, 0.8, 1.0, 1.6]), np.array([0.0, 0.7, 1.0, 0.0]))
+THELEN = ThelenCurves(active_shape=0.5, strongest=1.6)
+SCHUTTE = replace(MUSCLE, curves=SchutteCurves(BENT), **STEEPEST, max_contraction_velocity=8.0)
 MUSCLES = {
-    "Thelen": replace(
-        MUSCLE, curves=ThelenCurves(active_shape=0.5, strongest=1.6), maximum_pennation=1.2, tendon=ThelenTendon(0.05)
-    ),
-    "DeGrooteFregly": replace(
-        MUSCLE, curves=DeGrooteFreglyCurves(1.2, 0.5, has_passive_force=False), maximum_pennation=np.pi / 2
-    ),
-    "Schutte": replace(
-        MUSCLE,
-        curves=SchutteCurves(simm_spline(np.array([0.4, 0.8, 1.0, 1.6]), np.array([0.0, 0.7, 1.0, 0.0]))),
-        maximum_pennation=np.pi / 2,
-        max_contraction_velocity=8.0,
+    "Thelen": replace(MUSCLE, curves=THELEN, maximum_pennation=1.2, tendon=ThelenTendon(0.05)),
+    "DeGrooteFregly": replace(MUSCLE, curves=DeGrooteFreglyCurves(1.2, 0.5, has_passive_force=False), **STEEPEST),
+    "Schutte": SCHUTTE,
+    "Schutte, activation never falls": replace(SCHUTTE, deactivation_time_constant=np.inf),
+    "Schutte, activation never changes": replace(
+        SCHUTTE, activation_time_constant=np.inf, deactivation_time_constant=np.inf
     ),
 }
-MUSCLES["Schutte, activation never falls"] = replace(MUSCLES["Schutte"], deactivation_time_constant=np.inf)
-MUSCLES["Schutte, activation never changes"] = replace(
-    MUSCLES["Schutte"], activation_time_constant=np.inf, deactivation_time_constant=np.inf
-)
 MUSCLES |= {
     f"{kind}, without activation dynamics": replace(
         MUSCLES[kind], activation_time_constant=0.0, deactivation_time_constant=0.0
@@ -177,14 +172,16 @@ class Wind:
     name = "wind"
 
 
+WAVY = simm_spline(np.array([-1.0, 0.0, 0.5, 2.0]), np.array([0.1, 0.4, 0.2, 0.7]))
+THREE = np.array([-1.0, 0.0, 2.0]), np.array([0.1, 0.5, 0.3])
 FUNCTIONS = {
     "Sine": Sine(1.0, 2.0, 0.3, 0.1),
-    "SimmSpline": simm_spline(np.array([-1.0, 0.0, 0.5, 2.0]), np.array([0.1, 0.4, 0.2, 0.7])),
+    "SimmSpline": WAVY,
     "SimmSpline of three points": simm_spline(np.array([-1.0, 0.0, 0.5]), np.array([0.1, 0.4, 0.2])),
     "SimmSpline of two points": simm_spline(np.array([-1.0, 0.5]), np.array([0.1, 0.4])),
-    "scaled SimmSpline": scaled(simm_spline(np.array([-1.0, 0.0, 0.5, 2.0]), np.array([0.1, 0.4, 0.2, 0.7])), 0.3),
-    "PiecewiseLinearFunction": piecewise_linear(np.array([-1.0, 0.0, 2.0]), np.array([0.1, 0.5, 0.3])),
-    "PiecewiseConstantFunction": piecewise_constant(np.array([-1.0, 0.0, 2.0]), np.array([0.1, 0.5, 0.3])),
+    "scaled SimmSpline": scaled(WAVY, 0.3),
+    "PiecewiseLinearFunction": piecewise_linear(*THREE),
+    "PiecewiseConstantFunction": piecewise_constant(*THREE),
     "StepFunction": smooth_step(0.2, 0.9, 0.1, 0.7),
     "StepFunction backwards": smooth_step(0.9, 0.2, 0.1, 0.7),
     "GCVSpline": natural_spline(np.linspace(-1.0, 1.0, 7), np.array([0.1, 0.5, 0.2, 0.3, 0.8, 0.1, 0.0]), 3),
@@ -222,17 +219,25 @@ NEW = (
 )
 
 
+def markers_in(folder: Path, text: str) -> Path:
+    path = folder / "markers.xml"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
 @pytest.mark.parametrize(("version", "marker", "is_fixed"), [(30000, OLD, True), (40500, NEW, False)])
-def test_a_marker_of_either_format_is_read(tmp_path: Path, version: int, marker: str, is_fixed: bool) -> None:
-    path = tmp_path / "markers.xml"
-    path.write_text(DOCUMENT.format(version=version, markers=marker), encoding="utf-8")
+def test_a_marker_of_either_format_is_read_and_one_on_a_body_that_the_model_lacks_is_named(
+    tmp_path: Path, version: int, marker: str, is_fixed: bool
+) -> None:
+    other = marker.replace("C7", "ASIS").replace("thorax", "pelvis")
+    path = markers_in(tmp_path, DOCUMENT.format(version=version, markers=marker + other))
     (found,), unattached, unused = read_marker_set(path, MODEL)
-    assert (unattached, unused) == ((), ())
-    assert (found.name, found.body, found.is_fixed) == ("C7", MODEL.body_index("thorax"), is_fixed)
-    assert found.location.tolist() == [0.0, 0.1, 0.0]
+    assert (unattached, unused) == (("ASIS",), ())
+    expected = Marker("C7", MODEL.body_index("thorax"), np.array([0.0, 0.1, 0.0]), is_fixed)
+    assert_same(found, expected, atol=0.0)
     model = with_markers(MODEL, [found])
     assert len(model.markers) == len(MODEL.markers) + 1
-    np.testing.assert_array_equal(model.marker("C7").location, found.location)
+    assert_same(model.marker("C7"), expected, atol=0.0)
 
 
 @pytest.mark.parametrize(
@@ -245,24 +250,9 @@ def test_a_marker_of_either_format_is_read(tmp_path: Path, version: int, marker:
         ),
     ],
 )
-def test_a_file_that_does_not_fit_the_model_is_refused_with_its_line(
-    tmp_path: Path, text: str, code: SolverCode
-) -> None:
-    path = tmp_path / "markers.xml"
-    path.write_text(text, encoding="utf-8")
+def test_a_file_that_does_not_fit_the_model_is_refused(tmp_path: Path, text: str, code: SolverCode) -> None:
     with raises_refusal(code):
-        read_marker_set(path, MODEL)
-
-
-@pytest.mark.parametrize(("version", "marker"), [(30000, OLD), (40500, NEW)])
-def test_a_marker_on_a_body_that_the_model_lacks_is_left_out_and_named(
-    tmp_path: Path, version: int, marker: str
-) -> None:
-    other = marker.replace("C7", "ASIS").replace("thorax", "pelvis")
-    path = tmp_path / "markers.xml"
-    path.write_text(DOCUMENT.format(version=version, markers=marker + other), encoding="utf-8")
-    (found,), unattached, unused = read_marker_set(path, MODEL)
-    assert (found.name, unattached, unused) == ("C7", ("ASIS",), ())
+        read_marker_set(markers_in(tmp_path, text), MODEL)
 
 
 def test_tasks_may_be_in_a_file_of_their_own(tmp_path: Path) -> None:
