@@ -185,9 +185,6 @@ def test_files_that_are_none_are_refused_in_a_sentence(tmp_path: Path) -> None:
     write_c3d(tmp_path / "silent.c3d", walk(), {}, {})
     with raises_refusal(RecordingCode.FOREIGN_NO_CHANNEL, "silent.c3d"):
         read_c3d_signals(tmp_path / "silent.c3d", ["force_n"])
-
-
-def test_a_file_of_one_frame_has_no_rate(tmp_path: Path) -> None:
     table = walk()
     first = replace(table, time_s=table.time_s[:1], positions=table.positions[:1], residuals=table.residuals[:1])
     write_c3d(tmp_path / "one.c3d", first, {}, {})
@@ -228,15 +225,6 @@ def test_a_label_that_occurs_twice_is_numbered_with_a_note(tmp_path: Path) -> No
     assert read.positions == pytest.approx(SCALE * POSITIONS, abs=1e-4)
     (note,) = read.notes
     assert "more than one marker RTHI" in note and "--label RTHI#1=RTHI" in note
-
-
-def test_frames_that_the_header_lays_out_otherwise_are_not_read(tmp_path: Path) -> None:
-    # as in c3d.org's sample 28: the parameters know of no analog values, and every frame after the first is shifted
-    file = write_raw_c3d(tmp_path / "shifted.c3d", used_analog=0)
-    with raises_refusal(RecordingCode.FOREIGN_CONTRADICTORY, "3 points and 8 analog values"):
-        read_c3d_markers(file)
-    with raises_refusal(RecordingCode.FOREIGN_CONTRADICTORY):
-        read_c3d_signals(file, ["f1"])
 
 
 def test_a_header_that_counts_channels_is_overruled_by_the_file_s_size(tmp_path: Path) -> None:
@@ -289,18 +277,19 @@ def test_a_quotient_of_rates_that_is_not_whole_in_single_precision_is_rounded(tm
     assert np.diff(read.time_s) == pytest.approx(1 / (PER_FRAME * rate), rel=1e-4)
 
 
-def test_an_analog_rate_that_the_frames_do_not_hold_is_refused(tmp_path: Path) -> None:
-    file = write_raw_c3d(tmp_path / "rates.c3d")
-    file.write_bytes(file.read_bytes().replace(struct.pack("<f", 400.0), struct.pack("<f", 150.0)))
-    assert read_c3d_markers(file).positions == pytest.approx(SCALE * POSITIONS, abs=1e-4)
-    with raises_refusal(RecordingCode.FOREIGN_CONTRADICTORY, "150 analog samples"):
-        read_c3d_signals(file, ["f1"])
-
-
-def test_a_header_of_fewer_frames_than_the_parameters_and_the_size_is_refused(tmp_path: Path) -> None:
-    file = patched(write_raw_c3d(tmp_path / "frames.c3d"), 8, struct.pack("<H", 10))
-    with raises_refusal(RecordingCode.FOREIGN_CONTRADICTORY, "10 frames"):
-        read_c3d_markers(file)
+def test_a_header_that_contradicts_the_parameters_or_the_size_is_refused(tmp_path: Path) -> None:
+    # as in c3d.org's sample 28: the parameters know of no analog values, and every frame after the first is shifted
+    shifted = write_raw_c3d(tmp_path / "shifted.c3d", used_analog=0)
+    fewer = patched(write_raw_c3d(tmp_path / "frames.c3d"), 8, struct.pack("<H", 10))
+    for file, naming in ((shifted, "3 points and 8 analog values"), (fewer, "10 frames")):
+        with raises_refusal(RecordingCode.FOREIGN_CONTRADICTORY, naming):
+            read_c3d_markers(file)
+    rates = write_raw_c3d(tmp_path / "rates.c3d")
+    rates.write_bytes(rates.read_bytes().replace(struct.pack("<f", 400.0), struct.pack("<f", 150.0)))
+    assert read_c3d_markers(rates).positions == pytest.approx(SCALE * POSITIONS, abs=1e-4)
+    for file, naming in ((shifted, ""), (rates, "150 analog samples")):
+        with raises_refusal(RecordingCode.FOREIGN_CONTRADICTORY, naming):
+            read_c3d_signals(file, ["f1"])
 
 
 def test_a_frame_rate_that_the_header_contradicts_is_a_note(tmp_path: Path) -> None:
