@@ -31,6 +31,16 @@ def world() -> Iterator[StandInWorld]:
     world.clock.stop()
 
 
+@contextlib.contextmanager
+def standing() -> Iterator[tuple[StandInWorld, NiDaqSimulator]]:
+    """A world whose time moves by advance() only."""
+    world = StandInWorld(is_standing=True)
+    server = NiDaqSimulator(world, clock=EXACT_CLOCK)
+    server.start()
+    yield world, server
+    server.stop()
+
+
 def driver(server: NiDaqSimulator, world: StandInWorld, **options: Any) -> NiDaq:
     return daq(server.port, world.utc_ns, **options)
 
@@ -145,17 +155,13 @@ def test_pfi0_starts_the_samples_at_the_edge(server: NiDaqSimulator, world: Stan
 
 
 def test_an_overrun_is_a_loss_of_known_length_and_the_stream_continues() -> None:
-    world = StandInWorld(is_standing=True)
-    server = NiDaqSimulator(world, clock=EXACT_CLOCK)
-    server.start()
-    with opened(driver(server, world)) as device:
+    with standing() as (world, server), opened(driver(server, world)) as device:
         world.advance(0.1)
         last = blocks(device.read(0.1), "/force")[0]
         world.advance(700)
         losses = [item for item in device.read(0.1) if isinstance(item, Loss)]
         world.advance(0.1)
         following = blocks(device.read(0.1), "/force")[0]
-    server.stop()
     assert [(loss.stream, loss.cause) for loss in losses] == [("/force", "overrun"), ("/sync", "overrun")]
     assert losses[0].first_missing == last.sample_numbers[-1] + 1
     assert losses[0].first_missing + losses[0].count == following.sample_numbers[0]
@@ -178,10 +184,7 @@ def test_after_an_overrun_a_pfi0_task_does_not_wait_for_another_edge(
 
 @pytest.mark.parametrize("fault", ["unplug", "transfer_aborted"])
 def test_a_device_that_is_plugged_in_again_continues_with_numbers_that_match_the_time(fault: str) -> None:
-    world = StandInWorld(is_standing=True)
-    server = NiDaqSimulator(world, clock=EXACT_CLOCK)
-    server.start()
-    with opened(driver(server, world)) as device:
+    with standing() as (world, server), opened(driver(server, world)) as device:
         assert isinstance(device, Resumable)
         world.advance(0.1)
         last = blocks(device.read(0.1), "/force")[0]
@@ -195,7 +198,6 @@ def test_a_device_that_is_plugged_in_again_continues_with_numbers_that_match_the
         device.resume()
         world.advance(0.1)
         following = blocks(device.read(0.1), "/force")[0]
-    server.stop()
     assert following.sample_numbers[0] - last.sample_numbers[-1] == pytest.approx(22_000, abs=2)
     assert following.device_time_ns[0] - last.device_time_ns[-1] == pytest.approx(22e9, abs=2e6)
     assert following.values[0, 0] - last.values[-1, 0] == pytest.approx(0.22, abs=0.02)  # the ramp rose by as much
@@ -253,15 +255,11 @@ def test_a_server_that_cannot_tell_what_is_there_is_asked_for_what_is_due_so_tha
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr("drivers.simulators.daq_rpcs._Service.GetReadAttributeUInt32", _unimplemented)
-    world = StandInWorld(is_standing=True)
-    server = NiDaqSimulator(world, clock=EXACT_CLOCK)
-    server.start()
-    with opened(driver(server, world)) as device:
+    with standing() as (world, server), opened(driver(server, world)) as device:
         world.advance(0.05)
         first = blocks(device.read(0.1), "/force")[0]
         world.advance(5.0)
         backlog = blocks(device.read(0.1), "/force")[0]
-    server.stop()
     assert first.sample_numbers.size == 50
     assert backlog.sample_numbers[0] == 50
     assert backlog.sample_numbers.size == pytest.approx(5000, abs=2)

@@ -92,34 +92,36 @@ def test_a_loss_is_reported_at_once_and_the_return_too_with_one_gap_between_them
     assert isinstance(after, Samples)
 
 
-def test_every_interrupted_stream_gets_its_own_gap_once() -> None:
-    both = [samples(0), samples(0, stream="/sync")]
-    later = [samples(5), samples(4, stream="/sync")]
-    device = opened(Scripted([both, GONE, later, [samples(7), samples(6, stream="/sync")]], [None]))
-    losses = [item for item in delivered(device, 4) if isinstance(item, Loss)]
-    assert [(loss.stream, loss.first_missing, loss.count) for loss in losses] == [("/force", 2, 3), ("/sync", 2, 2)]
+OVERRUN = Loss("/force", "overrun", 5, 3, 400, 7)
+LATER = [samples(5), samples(4, stream="/sync")]
 
 
-def test_numbers_that_restart_are_reported_and_no_loss_is_counted() -> None:
-    device = opened(Scripted([[samples(10)], GONE, [samples(1)]], [None]))
-    items = delivered(device, 3)
-    assert not any(isinstance(item, Loss) for item in items)
-    assert [item.kind for item in items if isinstance(item, Event)][-1] == "numbering_restarted"
-
-
-def test_where_nothing_was_missed_nothing_is_claimed() -> None:
-    device = opened(Scripted([[samples(0)], GONE, [samples(2)]], [None]))
-    assert not any(isinstance(item, Loss) for item in delivered(device, 3))
-
-
-def test_a_loss_that_the_device_counts_itself_after_its_return_is_not_counted_twice() -> None:
-    own = Loss("/force", "overrun", 5, 3, 400, 7)
-    device = opened(Scripted([[samples(0)], GONE, [own, samples(8)]], [None]))
-    losses = [item for item in delivered(device, 3) if isinstance(item, Loss)]
-    assert [(loss.cause, loss.first_missing, loss.count) for loss in losses] == [
-        ("disconnected", 2, 3),
-        ("overrun", 5, 3),
-    ]
+@pytest.mark.parametrize(
+    ("reads", "is_anew", "losses"),
+    [
+        ([[samples(0)], GONE, [samples(2)]], False, []),
+        ([[samples(10)], GONE, [samples(1)]], True, []),
+        (
+            [[samples(0)], GONE, [OVERRUN, samples(8)]],
+            False,
+            [("/force", "disconnected", 2, 3), ("/force", "overrun", 5, 3)],
+        ),
+        (
+            [[samples(0), samples(0, stream="/sync")], GONE, LATER, [samples(7), samples(6, stream="/sync")]],
+            False,
+            [("/force", "disconnected", 2, 3), ("/sync", "disconnected", 2, 2)],
+        ),
+    ],
+    ids=["nothing missed", "numbers that restart", "counted by the device itself", "two streams"],
+)
+def test_every_interrupted_stream_gets_its_own_gap_once(
+    reads: Sequence[Step], is_anew: bool, losses: list[tuple[str, str, int, int]]
+) -> None:
+    items = delivered(opened(Scripted(reads, [None])), len(reads))
+    found = [(item.stream, item.cause, item.first_missing, item.count) for item in items if isinstance(item, Loss)]
+    assert found == losses
+    kinds = [item.kind for item in items if isinstance(item, Event)]
+    assert kinds == ["connection_lost", "connection_restored", *["numbering_restarted"] * is_anew]
 
 
 def test_attempts_come_at_growing_intervals_until_patience_is_over() -> None:

@@ -12,7 +12,6 @@ import pytest
 
 from drivers.qualisys import Qualisys
 from drivers.simulators.errors import SimulatorCode
-from drivers.simulators.faults import fault_from_dict
 from drivers.simulators.simulated_bench import Bench
 from recordings.samples import Loss
 from tests.drivers.contract import blocks, read_until
@@ -40,18 +39,6 @@ def test_the_bench_streams_and_has_the_requested_faults(simulated_bench: Callabl
     (loss,) = (item for item in items if isinstance(item, Loss))
     assert (loss.first_missing, loss.count) == (101, 50)
     assert np.isfinite(blocks(items, "/markers")[0].values).any()
-
-
-def test_the_sync_line_of_the_bench_misbehaves_too_by_plan_and_at_run_time(
-    simulated_bench: Callable[..., Bench],
-) -> None:
-    double = {"device": "sync", "fault": "double_edge", "at_s": 0.02, "for_s": 0.05}
-    world = simulated_bench(faults=[double], operator={"capture": "remote"}).world
-    start = world.start_capture().start
-    world.faults.inject(fault_from_dict({"device": "sync", "fault": "glitch", "at_s": 100.0}))
-    (glitch,) = world.faults.of("sync", "glitch")
-    moments = np.array([start + 0.01, start + 0.05, start + 0.08, glitch.begin - 0.001, glitch.begin + 0.001])
-    assert (world.sync_voltage(moments) > 2.5).tolist() == [True, False, True, False, True], "100 s on it is at rest"
 
 
 def test_every_bench_ends_with_the_test(pytester: pytest.Pytester) -> None:

@@ -37,6 +37,7 @@ PATIENCE_S = 20.0
 SHORT = {
     "protocol": {"repeats": 1, "static": {"hold_s": 3.0, "lead_in_s": 1.0, "step_masses_kg": [2.0, 2.0, 2.0]}},
     "slip": {"first_slip_n": 20.0},
+    "cuffs": {"elbow": {"stiffness_n_per_m": 3100.0}},
     "wearer": {"sway_deg": 0.0},  # so that a line through the raw markers is enough
     "mocap": {"occlusions_per_minute": 0},
     "daq_clock": {"offset_ppm": 0.0, "drift_ppm_per_hour": 0.0},
@@ -100,7 +101,7 @@ def test_force_at_the_edge_and_markers_from_frame_one_give_the_stiffness_of_the_
     x = (markers[:, 4, :3] - markers[:, 0, :3]) @ (along / np.linalg.norm(along)) * 1e-3
     force = np.interp(frame_t, force_t - rise, newtons)
     unloading = frame_t > frame_t[-1] / 2 + 2
-    assert np.polyfit(x[unloading], force[unloading], 1)[0] == pytest.approx(2530, rel=0.03)
+    assert np.polyfit(x[unloading], force[unloading], 1)[0] == pytest.approx(3100, rel=0.03)
 
 
 def test_one_device_can_be_left_out_and_the_operator_waits_for_the_others_only() -> None:

@@ -46,20 +46,6 @@ def play(bench: World) -> tuple[Capture, NDArray[np.float64]]:
     return capture, np.arange(capture.start, capture.end - 1e-6, 0.01)
 
 
-def unloading_stiffness(bench: World) -> float:
-    """Force over displacement of the markers in the second half of a static test, where nothing slips."""
-    capture, t = play(bench)
-    t = t[t > (capture.start + capture.end) / 2 + 2.0]
-    force = bench.cell_force(t)
-    markers = bench.markers(t)
-    near, far, cuff = (markers[:, bench.labels.index(label)] for label in ("rope_1", "rope_2", "cuff_1"))
-    along = np.nanmean(far - near, axis=0)
-    x = (cuff - markers[:, bench.labels.index("anchor_1")]) @ (along / np.linalg.norm(along))
-    is_seen = ~np.isnan(x)
-    slope: float = np.polyfit(x[is_seen] * 1e-3, force[is_seen], 1)[0]
-    return slope
-
-
 def test_a_capture_lasts_whole_frames_also_when_it_is_stopped() -> None:
     bench = world()
     ended, _ = play(bench)
@@ -116,7 +102,9 @@ def test_the_plan_is_played_in_order_and_every_cuff_is_donned_once() -> None:
         slips.append(bench.truth()["slip_m"][capture.trial.cuff])
     order = ["waist", "static"], ["waist", "dynamic"], ["hand", "static"], ["hand", "dynamic"], ["tube", "static"]
     assert [list(trial) for trial in played] == list(order)
-    assert slips[0] == slips[1] > 0.01
+    assert slips[0] == slips[1] > 0.01, "what slipped stays until the cuff is donned again"
+    bench.don("tube")
+    assert slips[4] > 0.005 and bench.truth()["slip_m"]["tube"] == 0.0
 
 
 def test_the_session_of_a_cuff_ends_near_its_configured_migration() -> None:
@@ -127,31 +115,12 @@ def test_the_session_of_a_cuff_ends_near_its_configured_migration() -> None:
     assert bench.truth()["slip_m"]["tube"] == pytest.approx(0.015, rel=0.05)
 
 
-def test_what_slipped_stays_until_the_cuff_is_donned_again() -> None:
-    bench = world()
-    bench.select_trial("hand", "static")
-    play(bench)
-    first = bench.truth()["slip_m"]["hand"]
-    bench.select_trial("hand", "dynamic")
-    play(bench)
-    assert bench.truth()["slip_m"]["hand"] == pytest.approx(first, abs=1e-5)
-    bench.don("hand")
-    assert bench.truth()["slip_m"]["hand"] == 0.0
-
-
 def test_unloaded_the_cuff_has_moved_by_what_slipped() -> None:
     bench = world(mocap={"noise_mm": 0.0, "occlusions_per_minute": 0}, wearer={"sway_mm": 0, "sway_deg": 0})
     bench.select_trial("elbow", "static")
     capture, _ = play(bench)
     before, after = bench.markers(np.array([capture.start + 0.5, capture.end - 0.5]))[:, bench.labels.index("cuff_1")]
     assert np.linalg.norm(after - before) * 1e-3 == pytest.approx(bench.truth()["slip_m"]["elbow"], rel=1e-3)
-
-
-@pytest.mark.parametrize("stiffness", [2000.0, 6000.0])
-def test_a_stiffer_cuff_is_displaced_less(stiffness: float) -> None:
-    bench = world(cuffs={"hand": {"stiffness_n_per_m": stiffness}}, wearer={"sway_deg": 0.0})
-    bench.select_trial("hand", "static")
-    assert unloading_stiffness(bench) == pytest.approx(stiffness, rel=0.05)
 
 
 def test_after_hours_without_anyone_looking_the_cuff_still_hangs_at_rest() -> None:
