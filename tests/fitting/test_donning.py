@@ -21,7 +21,7 @@ from fitting.static.held_loads import fit_held_loads
 from fitting.trial.trial import build_trial
 from fitting.uncertainty import Estimate, Repeat, combine
 from tests.fitting.defects import Law, OddSession, Rig
-from tests.fitting.experiment import Session, Truth, published
+from tests.fitting.experiment import PUBLISHED, Session, Truth, published
 
 USUAL = (NoteCode.NOT_CALIBRATED, NoteCode.NO_ROPE)
 """Notes of every session of the experiment, which has neither a bounce nor markers on the rope."""
@@ -139,6 +139,8 @@ def test_a_cuff_that_stays_out_farther_than_friction_holds_it_has_slipped(cuff: 
     fit = fit_donning([build_trial(*session.static(1), "s", "s")])
     assert "friction" not in fit.stiffness.parts
     assert fit.stiffness.standard_error < 0.01 * fit.stiffness.value
+    assert fit.stiffness.ci95[0] < PUBLISHED[cuff][0] < fit.stiffness.ci95[1]
+    assert fit.damping is None and fit.verdicts == (Verdict.NO_DYNAMIC,)
     assert NoteCode.SLIP_OR_FRICTION not in [note.code for note in fit.notes]
 
 

@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fitting.errors import UnusableTrial
 from fitting.pull.cuff_motion import MarkerQuality, marker_notes, marker_quality
 from fitting.pull.pull import require_live_force, require_plausible_displacement
 from fitting.results.sentences import Note
@@ -94,26 +93,21 @@ def _steps(
 
 
 @pytest.mark.parametrize("rate", [20.0, 1000.0])
-@pytest.mark.parametrize(("start", "length"), [(20.0, 12.0), (15.0, 3.0)], ids=["over steps", "within a hold"])
-def test_a_converter_that_hangs_is_distinguished_from_a_held_load(rate: float, start: float, length: float) -> None:
+@pytest.mark.parametrize(
+    ("start", "length", "code"), [(20.0, 12.0, "MOVING"), (15.0, 3.0, "QUIET")], ids=["over steps", "within a hold"]
+)
+def test_a_converter_that_hangs_is_distinguished_from_a_held_load(
+    rate: float, start: float, length: float, code: str
+) -> None:
     for seed in range(4):
         time, load, read = _steps(seed, rate, 0.5, 0.48)
         way = np.interp(TIME * 1.4, time, load) / 8000 + 5e-5 * np.random.default_rng(seed).standard_normal(len(TIME))
         require_live_force(time, read, TIME * 1.4, way)
         hung = (time >= start) & (time < start + length)
         read[hung] = read[hung][0]
-        with pytest.raises(UnusableTrial) as caught:
+        stretch = {"duration_s": pytest.approx(length, abs=0.2), "start_s": pytest.approx(start, abs=0.2)}
+        with raises_refusal(RejectionCode[f"FORCE_STUCK_{code}"], **stretch):
             require_live_force(time, read, TIME * 1.4, way)
-        figures = caught.value.reason.figures
-        assert (figures["duration_s"], figures["start_s"]) == pytest.approx((length, start), abs=0.2)
-
-
-def _hangs(time: np.ndarray, read: np.ndarray, way: np.ndarray) -> bool:
-    try:
-        require_live_force(time, read, TIME * 1.4, way)
-    except UnusableTrial:
-        return True
-    return False
 
 
 @pytest.mark.parametrize("rate", [20.0, 1000.0])
@@ -132,11 +126,11 @@ def test_codes_that_repeat_because_the_force_is_quiet_are_no_hanging_converter(
     code = 0.12
     for seed in seeds:
         time, load, read = _steps(seed, rate, noise * code, code)
-        assert not _hangs(time, read, np.interp(TIME * 1.4, time, load) / 8000)
+        require_live_force(time, read, TIME * 1.4, np.interp(TIME * 1.4, time, load) / 8000)
         swing = load[0] + 23.0 * (np.abs(time - 21) < 17) + 12.0 * np.sin(6.3 * time) * (np.abs(time - 21) < 15)
         noisy = swing + noise * code * np.random.default_rng(seed).standard_normal(len(time))
         way = np.interp(TIME * 1.4, time, swing) / 8000
-        assert not _hangs(time, code * np.round(noisy / code), way)
+        require_live_force(time, code * np.round(noisy / code), TIME * 1.4, way)
 
 
 @pytest.mark.parametrize("scale", [1e3, 1e-6])

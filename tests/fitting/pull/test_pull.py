@@ -200,17 +200,6 @@ def _staircase(rate: float, seed: int, transfer: float = 0.3, hold: float = 6.0)
     return time, force + 0.5 * np.random.default_rng(seed).standard_normal(len(time))
 
 
-@pytest.mark.parametrize("rate", [20.0, 1000.0])
-@pytest.mark.parametrize("transfer", [0.1, 1.5])
-def test_every_held_load_is_found_and_nothing_else(rate: float, transfer: float) -> None:
-    frames = np.arange(0, 6.0 * len(LEVELS), 0.01)
-    for seed in range(10):
-        time, force = _staircase(rate, seed, transfer)
-        plateaus = find_plateaus(time, force, 0.0, frames, np.zeros(len(frames)) + 1e-4 * np.sin(1e3 * frames))
-        assert [p.force for p in plateaus] == pytest.approx(LEVELS, abs=0.6)
-        assert all(p.end - p.start > 2.5 for p in plateaus)
-
-
 def test_a_hold_that_still_slips_is_read_at_its_end() -> None:
     time, force = _staircase(1000.0, 1)
     frames = np.arange(0, 36.0, 0.01)
@@ -230,16 +219,6 @@ def test_hidden_markers_do_not_move_a_plateau() -> None:
     x[::3] = np.nan
     for plateau in find_plateaus(time, force, 0.0, frames, x):
         assert plateau.displacement == pytest.approx(3e-3)
-
-
-def test_the_error_of_a_mean_grows_with_coloured_noise() -> None:
-    time, force = _staircase(1000.0, 1)
-    frames = np.arange(0, 36.0, 0.01)
-    random = np.random.default_rng(4)
-    white = 1e-4 * random.standard_normal(len(frames))
-    coloured = np.convolve(white, np.ones(50) / np.sqrt(50), mode="same")
-    first, second = (find_plateaus(time, force, 0.0, frames, x) for x in (white, coloured))
-    assert np.mean([p.displacement_sd for p in second]) > 3 * np.mean([p.displacement_sd for p in first])
 
 
 @pytest.mark.parametrize("rate", [20.0, 1000.0])
@@ -279,16 +258,21 @@ def test_noise_alone_is_no_step() -> None:
 
 
 @pytest.mark.parametrize("rate", [20.0, 1000.0])
-@pytest.mark.parametrize("hold", [1.5, 2.0, 2.5, 3.0, 3.5])
-def test_every_step_between_short_holds_is_found(rate: float, hold: float) -> None:
+@pytest.mark.parametrize(
+    ("hold", "transfer"), [*((hold, 0.3) for hold in (1.5, 2.0, 2.5, 3.0, 3.5)), (6.0, 0.1), (6.0, 1.5)]
+)
+def test_every_step_and_every_held_load_is_found_and_nothing_else(rate: float, hold: float, transfer: float) -> None:
     frames = np.arange(0, hold * len(LEVELS), 0.01)
-    for seed in range(5):
-        time, force = _staircase(rate, seed, hold=hold)
+    for seed in range(5 if hold < 6 else 10):
+        time, force = _staircase(rate, seed, transfer, hold)
         steps = [step.time for step in find_steps(time, force)]
-        assert steps == pytest.approx(hold * np.arange(1, len(LEVELS)) + 0.15, abs=0.3)
+        assert steps == pytest.approx(hold * np.arange(1, len(LEVELS)) + transfer / 2, abs=max(0.3, transfer / 2))
         plateaus = find_plateaus(time, force, 0.0, frames, np.zeros(len(frames)) + 1e-4 * np.sin(1e3 * frames))
         assert [plateau.force for plateau in plateaus] == pytest.approx(LEVELS, abs=0.6)
-        assert [plateau.hold for plateau in plateaus] == pytest.approx([hold] * len(LEVELS), abs=0.5)
+        if hold < 6:
+            assert [plateau.hold for plateau in plateaus] == pytest.approx([hold] * len(LEVELS), abs=0.5)
+        else:
+            assert all(plateau.end - plateau.start > 2.5 for plateau in plateaus)
 
 
 def test_a_stretch_with_a_step_that_was_not_found_is_no_plateau() -> None:

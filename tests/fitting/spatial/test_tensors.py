@@ -15,7 +15,7 @@ from fitting.pull.pull import Pull, make_pulls
 from fitting.results.sentences import Note
 from fitting.results.trial_codes import RejectionCode, TensorCode, TrialNoteCode
 from fitting.session import fit_session
-from fitting.spatial.tensors import NoTensor, Tensor, held_tensor, require_span, swung_tensor, symmetric, tensor_entries
+from fitting.spatial.tensors import NoTensor, Tensor, held_tensor, require_span, swung_tensor, tensor_entries
 from tests.fitting.pulled_in_space import Space, directions, elbow, pulled
 from tests.refusals import figures_by_code, raises_refusal
 
@@ -213,8 +213,3 @@ def test_one_direction_gives_its_line_and_says_why_no_tensor() -> None:
     assert fit.tensors.stiffness is None
     assert fit.tensors.no_stiffness and fit.tensors.no_stiffness.code is TensorCode.ONE_LINE
     assert fit.tensors.no_damping and fit.tensors.no_damping.code is TensorCode.NO_ROPE
-
-
-def test_a_symmetric_matrix_is_its_six_entries() -> None:
-    matrix = np.array([[1.0, 4.0, 5.0], [4.0, 2.0, 6.0], [5.0, 6.0, 3.0]])
-    np.testing.assert_array_equal(symmetric(tensor_entries(matrix)), matrix)

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
 from typing import Literal
 
 import numpy as np
 import pytest
-from scipy import optimize, signal, stats
+from scipy import optimize, stats
 
 from fitting.cuffs.cuffs_file import held_loads_entry
 from fitting.pull.plateaus import Plateau, find_plateaus
@@ -122,10 +122,6 @@ def test_slip_reaches_neither_stiffness_nor_migration() -> None:
         assert abs(migration.value - slip) < 3.5 * migration.standard_error
 
 
-def test_slip_while_the_load_only_rises_is_no_stiffness() -> None:
-    assert _fit(replace(SLIPPING, unloads=False), 1).stiffness.stiffness is None
-
-
 @SOME
 @pytest.mark.parametrize("unloads", [False, True])
 def test_creep_is_flagged_measured_and_led_to_its_rest(unloads: bool, count: int) -> None:
@@ -148,11 +144,13 @@ def _codes(held: HeldLoads) -> list[NoteCode]:
 
 @SOME
 def test_a_cuff_that_does_not_creep_is_not_classified_as_creeping(count: int) -> None:
-    for truth in (Held(), SLIPPING):
+    for truth in (Held(), Held(unloads=True), SLIPPING):
         for seed in range(count):
             held = _fit(truth, seed)
             assert held.creep is None or not held.creep.is_seen
             assert NoteCode.CREEPS not in _codes(held)
+            if truth == Held(unloads=True):
+                assert abs(held.stiffness.law.significance) < 4 and held_load_notes(held) == ()
 
 
 @pytest.mark.parametrize(
@@ -222,21 +220,6 @@ def test_the_tangent_stiffness_grows_along_the_exponential_law(unloads: bool, co
     assert np.sum(np.square(scores)) < 2 * stats.chi2.ppf(0.9995, 3 * count), (
         "three loads of one fit are not independent"
     )
-
-
-def test_the_interval_of_a_tangent_includes_the_gain_of_the_load_cell() -> None:
-    law = fit_held_loads(_reduced(Held(unloads=True), 1)[0], 0.01).stiffness.law
-    tangent = law.tangent(40.0)
-    assert tangent.parts["gain"] == pytest.approx(0.01 * tangent.value)
-    assert sum(part**2 for part in tangent.parts.values()) == pytest.approx(tangent.standard_error**2)
-
-
-@SOME
-def test_a_straight_cuff_has_the_same_tangent_everywhere(count: int) -> None:
-    for seed in range(count):
-        held = _fit(Held(unloads=True), seed)
-        assert abs(held.stiffness.law.significance) < 4
-        assert held_load_notes(held) == ()
 
 
 def test_what_a_slipping_cuff_takes_in_a_cycle_is_the_work_of_its_friction() -> None:
@@ -571,10 +554,6 @@ def test_creep_is_significant_beyond_its_limits(changes: dict[str, object], is_s
     assert (creep.is_seen, creep.is_measured) == (is_seen, is_measured)
 
 
-def test_the_recovery_is_that_of_the_remaining_force() -> None:
-    assert CREEP.recovery == pytest.approx(-1e-3)
-
-
 def _held_result(growth: float = 0.0, **changes: object) -> HeldLoads:
     """Two held loads of 2 and 62 N, whose law has a standard error of the growth of 0.001 / N."""
     law = TangentLaw(2.0, 1 / K, growth, np.diag([1e-14, 1e-6]), 1.0, 40, 0.0)
@@ -623,63 +602,6 @@ def test_notes_and_tangents_have_the_figures_of_the_fit() -> None:
     assert yields.figures == {"hold_s": 5.0}
     (drifts,) = held_load_notes(_held_result(drift=normal_estimate(0.05, 0.01)))
     assert drifts.figures == {"drift_n_per_s": 0.05}
-
-
-@pytest.mark.parametrize("part", [1.0, 0.4], ids=["errors as stated", "errors understated"])
-def test_creep_is_the_nonlinear_regression_of_scipy_on_half_seconds_of_the_holds(part: float) -> None:
-    """The low-pass is integrated in frames of the cameras; both trials have an offset of their own."""
-    pulls = [
-        replace(pull, plateaus=tuple(replace(p, displacement_sd=part * p.displacement_sd) for p in pull.plateaus))
-        for pull in (*_reduced(CREEPING, 1)[0], *_reduced(replace(CREEPING, unloads=False), 2)[0])
-    ]
-    assert fit_creep(pulls, [_fit_of(None)] * 2) is None, "no load is held"
-    fits = [replace(_fit_of(None, segment=[0] * len(pull.plateaus)), plateaus=pull.plateaus) for pull in pulls]
-    found = fit_creep(pulls, fits)
-    assert found is not None and found.outcome is FitOutcome.CONVERGED
-    rows = np.array([row for number, pull in enumerate(pulls) for row in _half_seconds(pull, number)])
-    trial, hold, time, force, x, x_sd = rows.T
-
-    def lagged(log: float) -> tuple[np.ndarray, float]:
-        ys, remaining = np.zeros(len(time)), math.nan
-        for number, pull in enumerate(pulls):
-            frames = pull.marker_time
-            load = np.interp(frames, pull.force_time, pull.force)
-            pace = -np.expm1(-(frames[1] - frames[0]) / np.exp(log))
-            start = pull.plateaus[0].force
-            y, _ = signal.lfilter([pace], [1, pace - 1], load, zi=[(1 - pace) * start])
-            ys[trial == number] = np.interp(time[trial == number], frames, y)
-            last = pull.plateaus[-1]
-            remaining = last.force - float(y[(frames >= last.start) & (frames <= last.end)].mean())
-        return ys, remaining
-
-    def law(_: object, compliance: float, extra: float, log: float, *offsets: float) -> np.ndarray:
-        return compliance * force + extra * lagged(log)[0] + np.array(offsets)[trial.astype(int)]
-
-    start = [1e-4, 1e-5, math.log(15), 0.0, 0.0]
-    best, covariance = optimize.curve_fit(law, force, x, start, x_sd, absolute_sigma=True, ftol=1e-12, xtol=1e-12)
-    compliance, extra, log = best[:3]
-    chi_square, dof = float(np.sum(((x - law(0, *best)) / x_sd) ** 2)), len(x) - 5
-    scale = max(1.0, chi_square / dof)
-    assert (scale > 1) is (part < 1)
-    assert (found.compliance, found.time_constant) == (
-        pytest.approx(compliance, rel=2e-3),
-        pytest.approx(math.exp(log), rel=2e-2),
-    )
-    assert found.fraction.value == pytest.approx(extra / compliance, rel=1e-2)
-    assert found.stiffness_at_rest.value == pytest.approx(1 / (compliance + extra), rel=1e-3)
-    assert (found.chi_square, found.dof) == (pytest.approx(chi_square, rel=5e-3), dof)
-    slopes = np.array([[-extra / compliance**2, 1 / compliance], [-1 / (compliance + extra) ** 2] * 2])
-    errors = np.sqrt(np.diag(slopes @ covariance[:2, :2] @ slopes.T) * scale)
-    assert [found.fraction.standard_error, found.stiffness_at_rest.standard_error] == pytest.approx(errors, rel=3e-2)
-    columns = np.column_stack([force, trial == 0, trial == 1]) / x_sd[:, None]
-    (without,) = np.linalg.lstsq(columns, x / x_sd)[1]
-    assert found.significance == pytest.approx(math.sqrt((without - chi_square) / scale), rel=5e-3)
-    y, remaining = lagged(log)
-    assert found.remaining_force == pytest.approx(remaining, rel=1e-2)
-    holds = np.column_stack([y, hold[:, None] == np.unique(hold)]) / x_sd[:, None]
-    slope, (least,) = np.linalg.lstsq(holds, x / x_sd)[:2]
-    variance = np.linalg.inv(holds.T @ holds)[0, 0] * max(1.0, least / (len(x) - holds.shape[1]))
-    assert found.in_holds == pytest.approx(slope[0] / math.sqrt(variance), rel=2e-2)
 
 
 def _stepped(loads: Sequence[float], halves: Sequence[int], x: Sequence[float], sd: Sequence[float]) -> Pull:
@@ -797,12 +719,6 @@ def _least_squares(columns: np.ndarray, x: np.ndarray, sd: np.ndarray) -> tuple[
     return factors, float(np.sum(((x - columns @ factors) / sd) ** 2))
 
 
-@pytest.mark.parametrize("load", [0.0, 30.0])
-def test_a_load_that_never_changes_identifies_no_creep(load: float) -> None:
-    pull = _stepped([load] * 5, [8] * 5, np.arange(40) / K, [1e-5] * 5)
-    assert fit_creep([pull], [_fit_in(pull, [0] * 5)]) is None
-
-
 @pytest.mark.parametrize(("gain", "is_removed"), [(0.424, False), (0.425, True), (-0.425, True)])
 def test_a_drift_of_the_zero_is_removed_if_it_exceeds_three_standard_errors(gain: float, *, is_removed: bool) -> None:
     """Of two forces with errors of 0.1 N: 0.4243 N, in 16 s between the middles of the first and the last hold."""
@@ -874,18 +790,38 @@ def test_creep_does_not_depend_on_the_unit_of_the_force() -> None:
 
 
 def test_pulls_without_a_held_load_have_no_result() -> None:
-    pull = replace(_reduced(CREEPING, 1)[0][0], plateaus=())
+    (pull,) = _reduced(CREEPING, 1)[0]
+    assert fit_creep([pull], [_fit_of(None)]) is None
+    pull = replace(pull, plateaus=())
     for held in (fit_held_loads([pull], 0.0), fit_held_loads([], 0.0)):
         assert not held.has_loads and held_load_notes(held) == () and held.tangents == ()
         assert (held.stiffness.stiffness, held.creep, held.energy, held.drift) == (None, None, None, None)
         assert (held.hold, held.duration, held.steps) == (0.0, math.inf, {})
 
 
-@pytest.mark.parametrize("compliance", [0.0, -1 / K])
-def test_a_displacement_that_does_not_follow_the_load_has_no_creep(compliance: float) -> None:
-    loads = np.repeat([2.0, 30.0, 60.0], 8)
-    pull = _stepped((2.0, 30.0, 60.0), [8] * 3, (compliance * loads).tolist(), [2.0**-16] * 3)
-    assert fit_creep([pull], [_fit_in(pull, [0] * 3)]) is None
+@pytest.mark.parametrize(
+    ("loads", "x", "segment"),
+    [
+        *(([load] * 5, np.arange(40) / K, [0] * 5) for load in (0.0, 30.0)),
+        *(((2.0, 30.0, 60.0), c * np.repeat([2.0, 30.0, 60.0], 8), [0] * 3) for c in (0.0, -1 / K)),
+        *(
+            (loads, np.repeat(loads, 8) / K + 1e-5 * np.random.default_rng(2).standard_normal(24), [0, 1, 2])
+            for loads in ((2.1, 30.7, 60.3), (3.3, 17.9, 32.8), (2.7, 2.7, 2.7))
+        ),
+    ],
+    ids=[
+        "no load",
+        "one load",
+        "no motion",
+        "motion against the load",
+        *(f"a load in a segment {i}" for i in range(3)),
+    ],
+)
+def test_creep_is_not_identified(loads: Sequence[float], x: np.ndarray, segment: Sequence[int]) -> None:
+    """Uneven errors are no powers of two: a weighted mean of equal values differs from them by rounding."""
+    for sd in ([1e-5, 3e-5, 7e-5, 1e-5, 1e-5][: len(loads)], [2.0**-16] * len(loads)):
+        pull = _stepped(loads, [8] * len(loads), x, sd)
+        assert fit_creep([pull], [_fit_in(pull, segment)]) is None
 
 
 def test_a_spring_without_creep_has_a_fraction_and_a_significance_of_zero() -> None:
@@ -893,14 +829,6 @@ def test_a_spring_without_creep_has_a_fraction_and_a_significance_of_zero() -> N
     creep = fit_creep([pull], [_fit_in(pull, [0] * 3)])
     assert creep is not None
     assert (creep.fraction.value, creep.significance, creep.in_holds) == pytest.approx((0, 0, 0), abs=1e-6)
-
-
-@pytest.mark.parametrize("loads", [(2.1, 30.7, 60.3), (3.3, 17.9, 32.8), (2.7, 2.7, 2.7)])
-def test_one_load_in_every_segment_does_not_determine_creep(loads: tuple[float, ...]) -> None:
-    """Loads and errors that are no powers of two: a weighted mean of equal values differs from them by rounding."""
-    random = np.random.default_rng(2)
-    pull = _stepped(loads, [8] * 3, np.repeat(loads, 8) / K + 1e-5 * random.standard_normal(24), [1e-5, 3e-5, 7e-5])
-    assert fit_creep([pull], [_fit_in(pull, [0, 1, 2])]) is None
 
 
 def test_load_and_low_pass_that_coincide_do_not_determine_creep() -> None:
@@ -934,20 +862,13 @@ def test_half_seconds_of_a_hold_count_if_more_than_half_of_their_frames_are_seen
 
 @pytest.mark.parametrize(("time_constant", "found"), [(1.0, 2.0), (2.5, 2.5), (50.0, 50.0), (90.0, 60.0)])
 def test_a_time_constant_is_sought_from_2_to_60_seconds(time_constant: float, found: float) -> None:
-    """Displacement without noise, of a cuff that creeps by a fifth of the force that has passed a low-pass."""
-    (pull,) = _reduced(CREEPING, 1)[0]
-    load = np.interp(pull.marker_time, pull.force_time, pull.force)
-    pace = -np.expm1(-(pull.marker_time[1] - pull.marker_time[0]) / time_constant)
-    y, _ = signal.lfilter([pace], [1, pace - 1], load, zi=[(1 - pace) * pull.plateaus[0].force])
-    smooth = np.full(len(load), np.nan)
-    for plateau in pull.plateaus:
-        smooth[(pull.marker_time >= plateau.start) & (pull.marker_time <= plateau.end)] = plateau.force
-    fit = replace(_fit_of(None, segment=[0] * len(pull.plateaus)), plateaus=pull.plateaus)
-    creep = fit_creep([replace(pull, displacement=(smooth + 0.2 * y) / K)], [fit])
-    assert creep is not None and creep.time_constant == pytest.approx(found, rel=2e-2)
+    loads, halves = (2.0, 30.0, 60.0, 30.0, 2.0), [16] * 5
+    x = (np.repeat(loads, halves) + 0.2 * np.array(_filtered(loads, halves, time_constant)[0])) / K
+    pull = _stepped(loads, halves, x, [1e-5] * 5)
+    creep = fit_creep([pull], [_fit_in(pull, [0] * 5)])
+    assert creep is not None and creep.time_constant == pytest.approx(found, rel=1e-3)
     if found == time_constant:
-        assert creep.compliance == pytest.approx(1 / K, rel=1e-2)
-        assert creep.fraction.value == pytest.approx(0.2, rel=0.05)
+        assert (creep.compliance, creep.fraction.value) == pytest.approx((1 / K, 0.2), rel=1e-3)
 
 
 @pytest.mark.parametrize(("last", "is_fitted"), [(4.95, True), (4.45, False)])
@@ -960,18 +881,3 @@ def test_creep_needs_twenty_half_seconds(last: float, *, is_fitted: bool) -> Non
     assert (fit_creep(pulls, fits) is not None) is is_fitted
     alone = replace(_fit_of(None, segment=[0]), plateaus=(replace(first, end=first.start + 10.5),))
     assert fit_creep(pulls, [alone]) is None, "one load"
-
-
-def _half_seconds(pull: Pull, number: int) -> Iterator[tuple[float, ...]]:
-    """Trial, hold, mean time, load, mean displacement and its error of every half second that is mostly seen."""
-    for hold, plateau in enumerate(pull.plateaus):
-        inside = (pull.marker_time >= plateau.start) & (pull.marker_time <= plateau.end)
-        inside &= np.isfinite(pull.displacement)
-        time, x = pull.marker_time[inside], pull.displacement[inside]
-        part = np.floor((time - plateau.start) / 0.5)
-        counts = [int(np.sum(part == one)) for one in range(int(part.max()) + 1)]
-        for one, count in enumerate(counts):
-            if count > max(counts) / 2:
-                error = plateau.displacement_sd * math.sqrt(len(x) / count)
-                mean = float(time[part == one].mean()), plateau.force, float(x[part == one].mean())
-                yield (number, 100 * number + hold, *mean, error)

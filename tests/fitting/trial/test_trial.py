@@ -34,6 +34,7 @@ from tests.fitting.experiment import Session, published
 from tests.refusals import raises_refusal
 
 Tracks = dict[str, Track]
+Damages = list[tuple[int, str, str, list[float]]]
 FINE = TrialOutcome(True, "closed", "the capture ended")
 FATES = {"used", "unusable", *RejectionCode}
 KINDS = ("lost", "only", "nan", "zero", "huge", "stuck", "renumbered", "late", "stamps")
@@ -276,7 +277,7 @@ def _damage(track: Track, kind: str, first: float, last: float) -> Track:
     return replace(track, **changed)
 
 
-FOUND: tuple[list[tuple[int, str, str, list[float]]], ...] = (
+FOUND: tuple[Damages, ...] = (
     [(1, M, "lost", [0.0135, 0.85]), (0, S, "stuck", [0.0116, 0.708]), (1, M, "huge", [0.5747, 0.9585])],
     [(0, M, "lost", [0.875, 0.999])],
     [(0, M, "stuck", [0.02, 1.0]), (0, F, "only", [0.3422, 0.771])],
@@ -300,28 +301,21 @@ FOUND: tuple[list[tuple[int, str, str, list[float]]], ...] = (
 
 
 @pytest.mark.parametrize("damages", FOUND)
-def test_damage_that_was_found_is_fitted_or_refused_in_a_sentence(
-    damages: list[tuple[int, str, str, list[float]]],
-) -> None:
+def test_damage_that_was_found_is_fitted_or_refused_in_a_sentence(damages: Damages) -> None:
     assert _fates(damages) <= FATES
 
 
-@settings(max_examples=10, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
-@given(damages)
-def test_damaged_tracks_are_fitted_or_refused_in_a_sentence(damages: list[tuple[int, str, str, list[float]]]) -> None:
-    assert _fates(damages) <= FATES
+@pytest.mark.parametrize("examples", [10, pytest.param(60, marks=pytest.mark.slow)])
+def test_damaged_tracks_are_fitted_or_refused_in_a_sentence(examples: int) -> None:
+    @settings(max_examples=examples, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
+    @given(damages)
+    def check(damages: Damages) -> None:
+        assert _fates(damages) <= FATES
+
+    check()
 
 
-@pytest.mark.slow
-@settings(max_examples=60, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
-@given(damages)
-def test_many_damaged_tracks_are_fitted_or_refused_in_a_sentence(
-    damages: list[tuple[int, str, str, list[float]]],
-) -> None:
-    assert _fates(damages) <= FATES
-
-
-def _fates(damages: list[tuple[int, str, str, list[float]]]) -> set[str]:
+def _fates(damages: Damages) -> set[str]:
     """Of each trial the state in cuffs.json, or the code of its refusal; "NaN" or "Infinity" if the file has one."""
     tracks = [dict(tracks) for _, tracks in _recorded_tracks()]
     for trial, name, kind, (first, last) in damages:
@@ -345,11 +339,8 @@ def _written(folder: Path, text: str) -> Path:
     return folder
 
 
-def test_a_session_without_the_file_is_as_configured(tmp_path: Path) -> None:
+def test_steps_and_weights_are_taken_from_the_file_and_without_one_are_as_configured(tmp_path: Path) -> None:
     assert read_protocol(tmp_path) == SessionProtocol()
-
-
-def test_steps_and_weights_are_taken_from_the_file(tmp_path: Path) -> None:
     protocol = read_protocol(_written(tmp_path, 'step_masses_kg = [1, 2.5]\n[steps_s]\n"a.mcap" = [3.1, 12]\n'))
     assert protocol.step_masses == (1.0, 2.5)
     assert protocol.steps["a.mcap"] == (3.1, 12.0)
@@ -379,12 +370,9 @@ def test_a_wrong_value_is_refused_with_its_key(tmp_path: Path, text: str, key: s
         read_protocol(_written(tmp_path, text))
 
 
-def test_a_file_that_is_not_toml_is_refused(tmp_path: Path) -> None:
+def test_a_file_that_is_not_toml_or_of_an_unknown_recording_is_refused(tmp_path: Path) -> None:
     with raises_refusal(FitErrorCode.PROTOCOL_NOT_TOML, file=str(tmp_path / "protocol.toml")):
         read_protocol(_written(tmp_path, "step_masses_kg = [1,"))
-
-
-def test_steps_of_an_unknown_recording_are_refused(tmp_path: Path) -> None:
     with raises_refusal(FitErrorCode.PROTOCOL_NO_RECORDING, recording="b.mcap"):
         read_protocol(_written(tmp_path, '[steps_s]\n"b.mcap" = [3]'))
 
@@ -394,7 +382,7 @@ def test_steps_of_an_unknown_recording_are_refused(tmp_path: Path) -> None:
 
 def test_readings_that_agree_change_nothing() -> None:
     checks = [MassCheck("", 2.0, 19.613, 19.60, 0.02, 0.1), MassCheck("", 2.0, 19.613, 19.63, 0.02, 0.4)]
-    trial = build_trial(*Session(published("hand", weights=(20.0,), hold=2.0), 3).static(), "a.mcap", "hash")
+    trial = build_trial(*_recorded(), "a.mcap", "hash")
     (checked,) = with_mass_checks([trial], checks)
     assert (checked.gain_sd, checked.is_gain_checked) == (trial.gain_sd, True)
 
@@ -410,7 +398,7 @@ def test_readings_that_agree_change_nothing() -> None:
     ids=["no reading", "the empty cell alone", "no zero", "one reading is wrong"],
 )
 def test_the_gain_is_checked_by_readings_of_a_mass_that_are_all_right(checks: list[MassCheck]) -> None:
-    trial = build_trial(*Session(published("hand", weights=(20.0,), hold=2.0), 3).static(), "a.mcap", "hash")
+    trial = build_trial(*_recorded(), "a.mcap", "hash")
     assert not with_mass_checks([trial], checks)[0].is_gain_checked
 
 
