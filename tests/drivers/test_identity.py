@@ -61,13 +61,10 @@ def test_a_daq_is_simulated_or_not_by_its_own_property_and_open_where_its_server
     assert 0x22CA in asked
 
 
-def test_the_simulated_qtm_is_identified_by_its_version() -> None:
+def test_the_simulated_and_another_qtm_are_identified_by_their_version() -> None:
     with simulator() as qtm, opened(driver(qtm.port)) as device:
         assert device.identity.is_simulated is True
         assert device.identity.text.startswith("QTM Version is ")
-
-
-def test_another_qtm_is_identified_by_its_version() -> None:
     with OtherQtm(proper) as qtm, opened(driver(qtm.port)) as device:
         assert device.identity == DeviceIdentity(device.name, "QTM Version is 2.17 (build 3900)", False)
 

@@ -166,13 +166,10 @@ def test_trials_can_be_used_unless_they_end_under_load_or_early_or_their_force_d
     assert _code(replace(dynamic, force=np.full(len(dynamic.force), 20.0))) is RejectionCode.NO_MOTION
 
 
-def test_what_could_not_be_read_has_its_reason() -> None:
-    reason = Note(RejectionCode.UNREADABLE, {"problem": "empty"})
-    assert find_rejection(RejectedTrial("a.mcap", reason)) == reason
-
-
-def test_a_bounce_can_be_used_where_it_calibrates() -> None:
+def test_a_bounce_can_be_used_where_it_calibrates_and_what_could_not_be_read_has_its_reason() -> None:
     whole = build_bounce(*bounce(Bounce(), 1), "bounce", "s")
     assert find_rejection(whole) is None
     hidden = replace(whole, position=np.full(whole.position.shape, np.nan))
     assert _code(hidden) is RejectionCode.BOUNCE_HIDDEN
+    reason = Note(RejectionCode.UNREADABLE, {"problem": "empty"})
+    assert find_rejection(RejectedTrial("a.mcap", reason)) == reason

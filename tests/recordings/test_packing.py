@@ -21,7 +21,7 @@ from recordings.errors import RecordingCode, RecordingError
 from recordings.packing import pack, unpack
 from recordings.samples import Event, Loss, Samples, Stream
 from recordings.topics import wire_classes
-from tests.recordings.trials import ACCEPTED, FORCE, MANIFEST, START_NS, frames, record, scalars, skipped, trial
+from tests.recordings.trials import ACCEPTED, MANIFEST, START_NS, frames, record, scalars, skipped, trial
 from tests.refusals import raises_refusal
 
 TEXT = st.text()
@@ -91,17 +91,6 @@ def test_a_steady_block_costs_a_few_bytes_beside_its_values() -> None:
     assert len(pack(block)[1]) < block.values.nbytes + 40
 
 
-def test_a_jump_within_a_block_keeps_every_number_and_time() -> None:
-    block = frames(0, 4)
-    numbers = np.array([7, 8, 11, 12], dtype=np.uint64)
-    times = np.array([70, 80, 111, 120], dtype=np.int64)
-    jumped = Samples(block.stream, numbers, times, START_NS, block.values)
-    back = unpack("/markers", START_NS, pack(jumped)[1])
-    assert isinstance(back, Samples)
-    assert back.sample_numbers.tolist() == [7, 8, 11, 12]
-    assert back.device_time_ns.tolist() == [70, 80, 111, 120]
-
-
 def test_values_that_would_lose_bits_and_arrays_of_unequal_length_are_refused() -> None:
     block = frames(0, 3)
     for times_ns, values in (
@@ -142,11 +131,6 @@ def test_a_newer_format_is_refused_with_the_way_out() -> None:
         unpack("/manifest", 0, data)
 
 
-def test_two_streams_of_one_kind_share_a_schema_and_not_a_topic() -> None:
-    assert pack(scalars("/force", 0, 5))[0] == FORCE.name
-    assert pack(scalars("/sync", 0, 5))[0] == "/sync"
-
-
 @pytest.mark.parametrize(
     "message",
     [
@@ -164,15 +148,12 @@ def test_what_cannot_be_kept_as_it_is_is_refused_in_a_sentence(message: Event | 
 # The schemas in the code, in the file and on the page are the same.
 
 
-def test_the_page_states_the_fields_that_the_code_writes() -> None:
+def test_the_page_states_the_fields_that_the_code_writes_and_the_topics_in_file_order() -> None:
     page = (Path(recordings.__file__).parent / "FORMAT.md").read_text(encoding="utf-8")
     on_page = dict(re.findall(r"message (\w+) \{(.*?)\n\}", page, re.DOTALL))
     assert {name: FIELD.findall(text) for name, text in on_page.items()} == {
         name.removeprefix("cuffstation."): FIELD.findall(text) for name, text in topics.SCHEMAS.items()
     }
-
-
-def test_the_page_states_the_topics_in_file_order() -> None:
     page = (Path(recordings.__file__).parent / "FORMAT.md").read_text(encoding="utf-8")
     rows = re.findall(r"\| (\d+) \| `(/\w+)` \| `([\w.]+)` \|", page)
     expected = [(str(i), topic, schema) for i, (topic, schema) in enumerate(topics.SCHEMA_OF_TOPIC.items(), start=1)]

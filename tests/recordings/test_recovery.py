@@ -31,14 +31,11 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return record(tmp_path_factory.mktemp("whole") / "a.mcap", list(trial(1.0)))
 
 
-def test_a_whole_file_is_copied_byte_for_byte(whole: Path, tmp_path: Path) -> None:
+def test_a_whole_file_is_copied_byte_for_byte_with_progress_in_bytes_of_the_source(whole: Path, tmp_path: Path) -> None:
     report = recover(whole, tmp_path / "b.mcap")
     assert report.lossless
     assert report.sentences() == ()
     assert report.output.read_bytes() == whole.read_bytes()
-
-
-def test_progress_is_in_bytes_of_the_source(whole: Path, tmp_path: Path) -> None:
     bytes_read: list[int] = []
     recover(whole, tmp_path / "b.mcap", bytes_read.append)
     assert bytes_read == sorted(bytes_read) and len(bytes_read) == len(chunk_ends(whole))
@@ -179,15 +176,12 @@ def test_a_different_file_of_the_same_size_and_time_is_left_alone(whole: Path, t
     assert other.read_bytes() == different
 
 
-def test_a_file_with_nothing_to_keep_leaves_no_output(tmp_path: Path) -> None:
+def test_a_file_with_nothing_to_keep_leaves_no_output(tmp_path: Path, whole: Path) -> None:
     path = tmp_path / "a.mcap"
     path.write_text("time,force\n", encoding="utf-8")
     with raises_refusal(RecordingCode.NOT_MCAP):
         recover(path)
     assert list(tmp_path.iterdir()) == [path]
-
-
-def test_an_output_that_cannot_be_written_is_named(whole: Path, tmp_path: Path) -> None:
     with raises_refusal(RecordingCode.NOT_WRITABLE):
         recover(whole, tmp_path / "no_such_folder" / "b.mcap")
 

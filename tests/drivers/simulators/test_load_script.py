@@ -76,13 +76,10 @@ def rows(first: int, count: int) -> np.ndarray:
     return np.repeat(np.arange(first, first + count, dtype=float)[:, None], 3, axis=1)
 
 
-def test_between_steps_it_is_linear() -> None:
+def test_between_steps_a_trajectory_is_linear_and_it_drops_its_oldest_points() -> None:
     trajectory = Trajectory(kept_s=1.0)
     trajectory.append(rows(0, 100))
     assert trajectory.at(np.array([0.0, 10.25 * STEP_S, 99 * STEP_S]))[:, 0] == pytest.approx([0.0, 10.25, 99.0])
-
-
-def test_it_drops_the_oldest_points_and_returns_the_oldest_kept_one() -> None:
     trajectory = Trajectory(kept_s=100 * STEP_S)
     for first in range(0, 1000, 50):
         trajectory.append(rows(first, 50))
@@ -109,15 +106,12 @@ def _bounced() -> tuple[BouncingMass, float]:
     return bounce, bounce.begin(10.0)
 
 
-def test_while_no_hand_holds_it_the_cell_carries_weight_and_inertia() -> None:
+def test_the_cell_carries_weight_and_inertia_while_no_hand_holds_it_and_the_weight_rests_before_and_after() -> None:
     bounce, _ = _bounced()
     t = np.arange(12.5, 30.0, 1e-3)
     acceleration = np.gradient(np.gradient(bounce.displacement(t), t), t)
     newton = TEST.mass_kg * (g - acceleration)
     np.testing.assert_allclose(bounce.tension(t)[5:-5], newton[5:-5], atol=0.01)
-
-
-def test_it_hangs_at_rest_before_and_after() -> None:
     bounce, end = _bounced()
     still = np.array([0.0, 9.0, 10.0, end + 0.01, end + 60])
     np.testing.assert_allclose(bounce.displacement(still), 0.0, atol=1e-12)

@@ -23,20 +23,20 @@ def at(points: NDArray[np.float64], markers: MarkerCloud, label: str) -> NDArray
     return points[:, markers.labels.index(label)]
 
 
-def test_the_default_labels_are_those_of_the_example_configuration() -> None:
+def test_the_default_labels_are_those_of_the_example_configuration_and_a_rope_may_carry_no_markers() -> None:
     assert cloud().labels == ("anchor_1", "anchor_2", "anchor_3", "anchor_4", "cuff_1", "rope_1", "rope_2")
+    markers = cloud(settings_from_dict({"mocap": {"rope_markers_mm": {}}}))
+    assert markers.labels[-1] == "cuff_1"
+    assert markers.seen(T[:5], np.zeros(5)).shape == (5, 5, 3)
 
 
-def test_the_anchor_sways_as_a_rigid_body() -> None:
+def test_the_anchor_sways_as_a_rigid_body_that_spans_all_directions() -> None:
     markers = cloud()
     points = markers.true_points(T, np.zeros_like(T))
     anchor = points[:, :4]
     distances = np.linalg.norm(anchor[:, :, None] - anchor[:, None], axis=-1)
     assert np.ptp(distances, axis=0).max() < 1e-9
     assert 1.0 < anchor[:, 0].std(axis=0).mean() < 3.0
-
-
-def test_the_anchor_markers_span_all_directions() -> None:
     points = cloud().true_points(np.zeros(1), np.zeros(1))[0, :4]
     assert np.linalg.svd(points - points.mean(axis=0), compute_uv=False)[1] > 50.0
 
@@ -87,12 +87,6 @@ def test_markers_are_hidden_at_the_same_times_for_every_client() -> None:
     assert np.array_equal(hidden[300:400], again)
 
 
-def test_a_rope_may_carry_no_markers() -> None:
-    markers = cloud(settings_from_dict({"mocap": {"rope_markers_mm": {}}}))
-    assert markers.labels[-1] == "cuff_1"
-    assert markers.seen(T[:5], np.zeros(5)).shape == (5, 5, 3)
-
-
 @pytest.mark.parametrize("start", [0.0, 2.5, 11.5, 33.5, 33.13, 1234.57])
 def test_a_capture_has_no_frame_at_its_end_however_the_end_is_rounded(start: float) -> None:
     bench = World(settings_from_dict({}), speed=None, seed=1)
@@ -102,19 +96,13 @@ def test_a_capture_has_no_frame_at_its_end_however_the_end_is_rounded(start: flo
         assert exposed is not None and int(exposed.numbers[-1]) == frames
 
 
-def test_it_has_the_standard_deviation_asked_for() -> None:
+def test_sway_has_the_size_asked_for_and_rate_integral_and_projection_are_those_of_its_values() -> None:
     assert WANDER.value(LONG_T).std(axis=0) == pytest.approx([2.0, 0.0, 0.3], rel=0.1, abs=1e-12)
-
-
-def test_its_rate_is_its_derivative_and_the_derivative_of_its_integral_is_it() -> None:
     value, dt = WANDER.value(LONG_T), LONG_T[1]
     np.testing.assert_allclose(np.gradient(value, dt, axis=0)[1:-1], WANDER.rate(LONG_T)[1:-1], rtol=1e-6, atol=1e-3)
     np.testing.assert_allclose(
         np.gradient(WANDER.integral(LONG_T), dt, axis=0)[1:-1], value[1:-1], rtol=1e-6, atol=1e-3
     )
-
-
-def test_projected_it_is_the_projection_of_its_values() -> None:
     directions = np.array([[1.0], [2.0], [-3.0]])
     np.testing.assert_allclose(
         WANDER.along(directions).value(LONG_T), WANDER.value(LONG_T) @ directions, rtol=1e-6, atol=1e-12

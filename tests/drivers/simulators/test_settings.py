@@ -29,7 +29,7 @@ labels = ["cuff_1"]
 """
 
 
-def test_by_default_the_cuffs_are_the_published_ones() -> None:
+def test_by_default_the_cuffs_are_the_published_ones_and_one_figure_can_be_changed_alone() -> None:
     truth = settings_from_dict({}).cuffs
     assert {name: (c.stiffness_n_per_m, c.damping_n_s_per_m, c.migration_m) for name, c in truth.items()} == {
         "waist": (2140, 124, 0.012),
@@ -37,17 +37,16 @@ def test_by_default_the_cuffs_are_the_published_ones() -> None:
         "tube": (5510, 38, 0.009),
         "elbow": (2530, 139, 0.022),
     }
-
-
-def test_one_figure_of_a_cuff_can_be_changed_alone() -> None:
     cuffs = settings_from_dict({"cuffs": {"hand": {"stiffness_n_per_m": 6000}}}).cuffs
     assert (cuffs["hand"].stiffness_n_per_m, cuffs["hand"].damping_n_s_per_m) == (6000, 210)
     assert cuffs["tube"].stiffness_n_per_m == 5510
 
 
-def test_what_was_set_is_what_a_dump_gives_back() -> None:
+def test_what_was_set_is_what_a_dump_gives_back_and_cannot_be_changed_afterwards() -> None:
     settings = settings_from_dict({"rig": {"hook_n": 3}, "cuffs": {"new": settings_from_dict({}).cuffs["hand"]}})
     assert settings_from_dict(settings.model_dump()) == settings
+    with pytest.raises(ValidationError):
+        Settings().seed = 3  # type: ignore[attr-defined]
 
 
 @pytest.mark.parametrize(
@@ -66,11 +65,6 @@ def test_what_makes_no_sense_is_refused_by_its_key(data: dict[str, Any], naming:
         settings_from_dict(data)
 
 
-def test_settings_cannot_be_changed_afterwards() -> None:
-    with pytest.raises(ValidationError):
-        Settings().seed = 3  # type: ignore[attr-defined]
-
-
 # The plan of what goes wrong, and what becomes of the sync line; faults on the wires stand in tests/drivers.
 
 
@@ -80,11 +74,13 @@ def plan_file(folder: Path, text: str | bytes) -> Path:
     return path
 
 
-def test_a_plan_is_read_with_what_it_leaves_out(tmp_path: Path) -> None:
+def test_a_plan_is_read_with_what_it_leaves_out_or_refused_where_it_is_not_there(tmp_path: Path) -> None:
     assert read_fault_plan(plan_file(tmp_path, PLAN)) == (
         Fault("ni", "unplug", at_s=3.0, for_s=2.5),
         Fault("qtm", "drop_labels", at_s=0.0, for_s=inf, capture=0, labels=("cuff_1",)),
     )
+    with raises_refusal(SimulatorCode.WRONG_FAULT_PLAN, "plan.toml cannot be read"):
+        read_fault_plan(tmp_path / "none" / "plan.toml")
 
 
 @pytest.mark.parametrize(
@@ -113,11 +109,6 @@ def test_a_plan_that_cannot_be_used_is_refused_in_one_line(tmp_path: Path, text:
 def test_a_fault_that_its_device_lacks_is_a_value_error(device: Any, naming: str) -> None:
     with pytest.raises(ValueError, match=naming):
         Fault(device, "freeze", 0.0, 1.0)
-
-
-def test_a_plan_that_is_not_there_is_refused(tmp_path: Path) -> None:
-    with raises_refusal(SimulatorCode.WRONG_FAULT_PLAN, "plan.toml cannot be read"):
-        read_fault_plan(tmp_path / "plan.toml")
 
 
 def test_faults_go_on_from_their_begin_to_their_end_and_belong_to_their_capture() -> None:

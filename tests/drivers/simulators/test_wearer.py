@@ -143,15 +143,12 @@ def test_the_exponential_of_a_screw_is_that_of_its_matrix() -> None:
         np.testing.assert_allclose(found, [expm(amount * twist) for amount in amounts], atol=1e-12)
 
 
-def test_the_acromioclavicular_joint_is_closed_all_the_way_up() -> None:
+def test_the_acromioclavicular_joint_is_closed_all_the_way_up_or_refused() -> None:
     shoulder = published_shoulder()
     coordinates = RaisedPosture(shoulder)(np.linspace(0.0, 1.0, 97))
     assert np.abs(shoulder.gap(coordinates)).max() < 1e-8
     raised = np.degrees(coordinates[[0, -1], shoulder.index("shoulder_elv")])
     np.testing.assert_allclose(raised, [15.0, 100.0], atol=1e-9)
-
-
-def test_a_shoulder_that_cannot_be_closed_is_refused() -> None:
     shoulder = published_shoulder()
     apart = np.zeros((1, len(shoulder.coordinate_names)))
     with raises_refusal(SimulatorCode.OPEN_JOINT):

@@ -149,8 +149,5 @@ def test_the_covariance_gives_the_fit_s_intervals_and_keeps_the_correlation() ->
     found = with_interval_covariance(_fit().wearable()).covariance
     np.testing.assert_allclose(np.sqrt(np.diag(found)), [20.0, 5.0, 1e-4], rtol=1e-12)
     assert found[0, 1] / np.sqrt(found[0, 0] * found[1, 1]) == pytest.approx(30 / 50)
-
-
-def test_an_interval_narrower_than_its_standard_error_does_not_shrink_it() -> None:
     fit = replace(_fit(), stiffness=Estimate(5000.0, 10.0, (5000.0, 5000.0)))
     assert with_interval_covariance(fit.wearable()).covariance[0, 0] == pytest.approx(100.0)

@@ -39,24 +39,21 @@ def _fitted(cuff: str, noise: float) -> tuple[SessionFit, PublishedFit]:
     return fitted, published_fits(fitted)[cuff]
 
 
-def test_marker_noise_takes_as_much_of_the_damping_as_predicted() -> None:
+def test_marker_noise_takes_as_much_of_the_damping_as_predicted_and_no_noise_nothing() -> None:
     for cuff, least, most in (("waist", 0.6, 0.9), ("hand", 0.1, 0.4)):
         _, paper = _fitted(cuff, 0.2e-3)
         assert paper.predicted_attenuation is not None
         assert least < paper.predicted_attenuation < most
         assert paper.observed_attenuation == pytest.approx(paper.predicted_attenuation, abs=0.06)
+    _, paper = _fitted("hand", 1e-6)
+    assert paper.predicted_attenuation == pytest.approx(1.0, abs=0.01)
+    assert paper.observed_attenuation == pytest.approx(1.0, abs=0.05)
 
 
 def test_the_damping_that_noise_takes_from_the_published_method_is_noted() -> None:
     codes = {noise: [note.code for note in _fitted("hand", noise)[0].cuffs["hand"].notes] for noise in (0.2e-3, 1e-6)}
     assert NoteCode.PUBLISHED_DAMPING in codes[0.2e-3]
     assert NoteCode.PUBLISHED_DAMPING not in codes[1e-6]
-
-
-def test_without_noise_nothing_is_lost() -> None:
-    _, paper = _fitted("hand", 1e-6)
-    assert paper.predicted_attenuation == pytest.approx(1.0, abs=0.01)
-    assert paper.observed_attenuation == pytest.approx(1.0, abs=0.05)
 
 
 def test_an_intercept_removes_hook_and_zero_which_bend_a_line_through_the_origin() -> None:
@@ -67,9 +64,6 @@ def test_an_intercept_removes_hook_and_zero_which_bend_a_line_through_the_origin
     assert paper.stiffness == pytest.approx(stiffness.value, rel=2e-3)
     # The force reads 2.9 N too high (0.03 V) and x = 0 is under 2 N of hook: F = k x + 4.9 N over 15 to 75 N.
     assert 1.05 < paper.stiffness_through_origin / stiffness.value < 1.15
-
-
-def test_as_plain_data_it_names_its_units() -> None:
     fitted, paper = _fitted("hand", 1e-6)
     plain = published_json(published_fits(fitted))["hand"]
     assert plain["stiffness_n_per_m"] == paper.stiffness
@@ -99,19 +93,13 @@ def _trial(stiffness: float, sd: float = 10.0, migration: float = 0.0) -> TrialF
     )
 
 
-def test_a_repeat_is_outlying_beyond_three_combined_standard_errors() -> None:
+def test_a_repeat_is_outlying_beyond_three_combined_standard_errors_and_the_spread_of_the_others() -> None:
     others = [_trial(1000.0), _trial(1000.0)]
     assert find_outliers(_trial(1000.0 + 2.9 * 10 * 2**0.5), others) == ()
     (outlier,) = find_outliers(_trial(1000.0 + 3.1 * 10 * 2**0.5), others)
     assert (outlier.quantity, outlier.mean) == ("stiffness", 1000.0)
     assert round(outlier.distance, 6) == 3.1
-
-
-def test_the_spread_of_the_others_counts_where_it_exceeds_their_errors() -> None:
     assert find_outliers(_trial(1200.0), [_trial(900.0), _trial(1100.0)]) == ()
-
-
-def test_a_first_repeat_is_compared_with_nothing() -> None:
     assert find_outliers(_trial(1.0), []) == ()
 
 

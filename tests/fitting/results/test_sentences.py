@@ -34,16 +34,13 @@ def test_every_verdict_has_a_sentence_and_what_is_not_identified_says_what_to_do
         assert "; " in sentence or verdict in (Verdict.IDENTIFIED, Verdict.GIVEN, Verdict.NOT_UNLOADED), verdict
 
 
-def test_every_code_is_rendered_with_all_of_its_figures() -> None:
+def test_every_code_is_rendered_with_all_of_its_figures_and_every_cause_and_finding_has_its_own_name() -> None:
     for code in CODES:
         names = set().union(*map(clause_fields, code.clauses))
         figures: Figures = {name: f"<{name}>" if name in TEXTS else 0.0125 for name in names}
         sentence = code.sentence(figures)
         assert sentence and "{" not in sentence
         assert all(f"<{name}>" in sentence for name in names & TEXTS)
-
-
-def test_every_cause_and_every_finding_has_its_own_name() -> None:
     assert len({NAMES[code] for code in (*CauseCode, *FindingCode)}) == len(CauseCode) + len(FindingCode)
 
 
@@ -56,8 +53,5 @@ def test_a_figure_is_shown_in_the_unit_of_its_place_and_a_clause_without_its_fig
     assert "62 %" in CauseCode.CREEP.sentence({"law": "creep", "gain": 0.62})
     with pytest.raises(KeyError):
         FindingCode.CURVATURE.sentence({})
-
-
-def test_a_code_among_the_figures_is_shown_as_its_sentence() -> None:
     figures: Figures = {"file": "a", "gain": 2.0, "mass_kg": 1.0, "mistake": GainMistake.CAPACITY_DOUBLED}
     assert GainMistake.CAPACITY_DOUBLED.sentence() in TrialNoteCode.BOUNCE_GAIN.sentence(figures)

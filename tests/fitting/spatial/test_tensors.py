@@ -92,11 +92,15 @@ def test_eigenvalues_and_axes_lie_in_their_intervals() -> None:
     assert all(max(stiffness.axis_ci95) < 0.02 for _, stiffness, _ in fitted())
 
 
-def test_an_axis_between_equal_eigenvalues_is_not_determined() -> None:
+def test_an_axis_between_equal_eigenvalues_is_not_determined_and_a_missing_direction_is_named() -> None:
     tensor = Tensor(np.diag([1000.0, 1000.0 + 1e-6, 3000.0]), np.eye(6), 1.96, 5)
     assert tensor.axis_ci95[0] == pytest.approx(np.pi / 2)
     assert tensor.axis_ci95[2] < 0.01
     assert tensor.eigenvalues[2].standard_error == pytest.approx(1.0)
+    with pytest.raises(NoTensor) as caught:
+        require_span(directions(30)[[0, 1, 3]], "stiffness", "static")
+    named = np.array([float(part) for part in str(caught.value.reason.figures["missing"]).strip("()").split(", ")])
+    assert abs(named @ (0.0, 0.0, 1.0)) == pytest.approx(1.0, abs=0.01)
 
 
 @pytest.mark.parametrize(
@@ -112,13 +116,6 @@ def test_directions_that_do_not_span_space_are_refused(
 ) -> None:
     with raises_refusal(code, quantity="stiffness", test="static", directions=count):
         require_span(pulls, "stiffness", "static")
-
-
-def test_the_missing_direction_is_named() -> None:
-    with pytest.raises(NoTensor) as caught:
-        require_span(directions(30)[[0, 1, 3]], "stiffness", "static")
-    named = np.array([float(part) for part in str(caught.value.reason.figures["missing"]).strip("()").split(", ")])
-    assert abs(named @ (0.0, 0.0, 1.0)) == pytest.approx(1.0, abs=0.01)
 
 
 def test_the_frame_of_the_room_turns_the_tensor_and_nothing_else() -> None:

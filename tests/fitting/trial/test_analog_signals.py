@@ -71,15 +71,12 @@ def off_the_second(emg: AnalogSignals) -> np.ndarray:
     return np.mod(emg.time[emg.values[:, 1] > 0] + 0.5, 1.0) - 0.5
 
 
-def test_a_recorded_sync_line_ties_an_amplifier_with_its_own_clock_to_the_sample() -> None:
+def test_a_recorded_sync_line_ties_an_amplifier_to_the_sample_and_values_are_volts_at_the_electrodes() -> None:
     emg, line = laid_out(recorded())
     assert len(off_the_second(emg)) == 10
     np.testing.assert_allclose(off_the_second(emg), 0.0, atol=1 / EMG_HZ + 1e-3)
     assert emg.time_sd < 1e-3 and emg.notes == ()
     assert emg.time[0] >= 0 and emg.time[-1] <= line.marker_time[-1]
-
-
-def test_values_are_volts_at_the_electrodes() -> None:
     emg, _ = laid_out(recorded())
     assert (emg.unit, emg.labels, emg.rate) == ("V", ("a", "b"), EMG_HZ)
     assert emg.values[:, 1].max() == pytest.approx(2e-6 / 2.0)

@@ -134,7 +134,7 @@ def _write(path: Path, outcome: TrialOutcome, *events: Event, recorded: tuple[Ma
     writer.close(outcome)
 
 
-def test_a_recording_on_disk_gives_the_same_trial(tmp_path: Path) -> None:
+def test_a_recording_on_disk_gives_the_same_trial_and_one_that_was_cut_is_not_whole(tmp_path: Path) -> None:
     path = tmp_path / "cuff-hand_test-static_run-1.mcap"
     _write(path, FINE)
     trial, plain = read_trial(path), build_trial(*_recorded(), path.name, "hash")
@@ -144,6 +144,12 @@ def test_a_recording_on_disk_gives_the_same_trial(tmp_path: Path) -> None:
     assert len(trial.sha256) == 64
     assert trial.is_whole
     assert trial.notes == ()
+    path = tmp_path / "a.mcap"
+    _write(path, FINE)
+    path.write_bytes(path.read_bytes()[:-100])
+    trial = read_trial(path)
+    assert not trial.is_whole
+    assert trial.notes
 
 
 def test_a_recording_is_read_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -167,15 +173,6 @@ def test_what_was_read_before_is_not_read_again(tmp_path: Path) -> None:
     reading = read_alone(path)
     path.unlink()
     assert read_trials([path], {path.name: reading}) == ((reading,), ())
-
-
-def test_a_recording_that_was_cut_is_not_whole_and_says_what_is_missing(tmp_path: Path) -> None:
-    path = tmp_path / "a.mcap"
-    _write(path, FINE)
-    path.write_bytes(path.read_bytes()[:-100])
-    trial = read_trial(path)
-    assert not trial.is_whole
-    assert trial.notes
 
 
 def test_files_that_are_no_trials_are_listed_with_their_reason(tmp_path: Path) -> None:
@@ -410,6 +407,8 @@ def test_a_reading_is_without_the_zero_and_holds_its_uncertainty() -> None:
     assert loaded.found == pytest.approx(19.613, abs=4 * loaded.sd)
     assert zero.sd == pytest.approx(0.1 / np.sqrt(6000), rel=0.7)
     assert loaded.sd > zero.sd
+    with raises_refusal(FitErrorCode.CHECK_SHORT, samples=5, expected=6):
+        evaluate_reading(np.zeros(5), 1.0, None)
 
 
 def test_a_reading_may_be_off_by_its_uncertainty_the_scale_s_and_a_part_of_the_weight() -> None:
@@ -417,8 +416,3 @@ def test_a_reading_may_be_off_by_its_uncertainty_the_scale_s_and_a_part_of_the_w
     assert check.tolerance(0.002, 50.0) == pytest.approx(3 * 0.05 + 0.2)
     empty = MassCheck("", 0.0, 0.0, 1.0, 0.0, None)
     assert empty.tolerance(0.002, 50.0) == pytest.approx(0.05 * 50 * 9.80665)
-
-
-def test_too_few_samples_are_no_reading() -> None:
-    with raises_refusal(FitErrorCode.CHECK_SHORT, samples=5, expected=6):
-        evaluate_reading(np.zeros(5), 1.0, None)

@@ -121,9 +121,11 @@ def test_every_raise_is_a_cycle_with_its_times_and_its_height() -> None:
     assert [cycle.end for cycle in cycles] == pytest.approx([4 - tenth, 8 - tenth, 12 - tenth], abs=0.02)
 
 
-def test_small_movements_and_low_attempts_are_no_cycles() -> None:
+def test_small_movements_low_attempts_and_an_arm_that_never_moves_are_no_cycles() -> None:
     assert find_cycles(TIME, raised([2.0, 8.0], [15, 20])) == ()
     assert len(find_cycles(TIME, raised([1.0, 5.0, 9.0, 13.0], [80, 30, 75, 20]))) == 2
+    assert find_cycles(TIME, np.full(TIME.shape, np.nan)) == ()
+    assert find_cycles(TIME, np.full(TIME.shape, 0.5)) == ()
 
 
 def test_a_raise_that_has_not_come_down_is_no_cycle_yet() -> None:
@@ -150,8 +152,3 @@ def test_live_and_afterwards_the_count_is_the_same() -> None:
         counts.append(len(detector.turns))
     assert counts[-1] == len(find_cycles(TIME, angle)) == 3
     assert TIME[5 * counts.index(1)] == pytest.approx(3.2, abs=0.2), "counted on the way down"
-
-
-def test_an_arm_that_never_moves_has_no_cycle() -> None:
-    assert find_cycles(TIME, np.full(TIME.shape, np.nan)) == ()
-    assert find_cycles(TIME, np.full(TIME.shape, 0.5)) == ()

@@ -73,12 +73,6 @@ def test_a_record_is_cut_where_its_first_sample_is_marked(tmp_path: Path) -> Non
     assert read_joint_force(written(tmp_path, text_of(time, force, marker))).is_cut
 
 
-def test_beyond_its_samples_a_force_is_not_known(tmp_path: Path) -> None:
-    read = read_joint_force(written(tmp_path, text_of(*drawn(0))))
-    outside = np.array([read.time_s[0] - 0.06, read.time_s[-1] + 0.06])
-    assert np.isnan(read.at(outside)[1]).all()
-
-
 def test_a_sample_without_kinematics_is_left_out_and_one_with_a_jump_is_kept(tmp_path: Path) -> None:
     """Relative to the glenoid, the force is unknown where the posture is."""
     time, force, marker = drawn(0)
@@ -102,6 +96,9 @@ def test_time_begins_at_the_first_marked_sample_and_a_gap_is_not_interpolated(tm
     np.testing.assert_allclose(known[0], read.force, atol=1e-9)
     middle = 0.5 * (read.time_s[3:5].sum())
     np.testing.assert_allclose(read.at(np.array([middle]))[1], 0.5 * read.resultant[3:5].sum(), rtol=1e-12)
+    read = read_joint_force(written(tmp_path, text_of(*drawn(0))))
+    outside = np.array([read.time_s[0] - 0.06, read.time_s[-1] + 0.06])
+    assert np.isnan(read.at(outside)[1]).all()
 
 
 def test_a_record_relative_to_the_glenoid_has_no_body_weight(tmp_path: Path) -> None:
