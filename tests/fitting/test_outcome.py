@@ -74,7 +74,9 @@ def test_a_damping_whose_fit_did_not_converge_is_reported_as_not_identified(
     assert TrialNoteCode.NOT_CONVERGED in [note.code for trial in fit.trials for note in trial.notes]
 
 
-def test_output_error_that_did_not_converge_checks_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_output_error_that_did_not_converge_checks_nothing_unless_noise_is_coloured(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     monkeypatch.setattr(f"{OUTPUT_ERROR}.ROUNDS", 1)
     starved = output_error(swing(1), 0.8 * STIFFNESS, DAMPING)
     assert (starved.outcome, starved.estimates) == (FitOutcome.NOT_CONVERGED, None)
@@ -82,11 +84,6 @@ def test_output_error_that_did_not_converge_checks_nothing(monkeypatch: pytest.M
     assert fit.verdicts == (Verdict.IDENTIFIED,), "the default does not rest on it where the noise is white"
     (found,) = [trial.swing for trial in fit.trials if trial.swing]
     assert found.checks.not_converged == ("output error",)
-
-
-def test_damping_is_not_identified_if_output_error_did_not_converge_with_coloured_noise(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
     monkeypatch.setattr(f"{OUTPUT_ERROR}.ROUNDS", 1)
     monkeypatch.setattr("fitting.dynamic.cross_checks.COLOURED", -1.0)
     assert _fit().verdicts == (Verdict.DAMPING_NOT_CONVERGED,)

@@ -107,9 +107,7 @@ def test_the_damage_names_its_bytes(whole: Path, tmp_path: Path) -> None:
     data, ends = bytearray(whole.read_bytes()), chunk_ends(whole)
     offsets = sorted({entry.chunk_offset for entry in _read(whole)[0]})
     data[ends[2] - 3] ^= 1
-    path = tmp_path / "damaged.mcap"
-    path.write_bytes(data)
-    _, damage = _read(path)
+    _, damage = _read(_written(tmp_path, data))
     assert [(found.offset, found.end) for found in damage] == [(offsets[2], offsets[3])]
     assert str(damage[0]).startswith(f"damage at bytes {offsets[2]} to {offsets[3]}: the record here is damaged (")
 
@@ -119,18 +117,14 @@ def test_a_record_that_ends_early_says_so(whole: Path, tmp_path: Path) -> None:
     data = bytearray(whole.read_bytes())
     at = data.rindex(b"/force")
     data[at - 1] = 0x7F
-    path = tmp_path / "damaged.mcap"
-    path.write_bytes(data)
-    assert "()" not in str(_read(path)[1][0])
+    assert "()" not in str(_read(_written(tmp_path, data))[1][0])
 
 
 def test_damage_that_costs_nothing_is_seen_and_nothing_is_lost(whole: Path, tmp_path: Path) -> None:
     """The index records between the chunks may be broken: they are not needed."""
     data, ends = bytearray(whole.read_bytes()), chunk_ends(whole)
     data[ends[1] + 1 : ends[1] + 9] = (2**40).to_bytes(8, "little")
-    path = tmp_path / "damaged.mcap"
-    path.write_bytes(data)
-    found, damage = _read(path)
+    found, damage = _read(_written(tmp_path, data))
     assert found == _read(whole)[0]
     assert len(damage) == 1
 
@@ -141,8 +135,7 @@ def test_junk_in_the_middle_makes_up_no_message(
     whole: Path, tmp_path: Path, at: int, replaced: int, junk: bytes
 ) -> None:
     data = whole.read_bytes()
-    path = tmp_path / "junk.mcap"
-    path.write_bytes(data[:at] + junk + data[at + replaced :])
+    path = _written(tmp_path, data[:at] + junk + data[at + replaced :])
     known = {(entry.topic, entry.sequence, entry.data) for entry in _read(whole)[0]}
     assert {(entry.topic, entry.sequence, entry.data) for entry in _read(path)[0]} <= known
 
@@ -150,11 +143,15 @@ def test_junk_in_the_middle_makes_up_no_message(
 @settings(suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
 @given(junk=st.binary(max_size=3000))
 def test_any_bytes_after_a_right_beginning_are_read_to_their_end(whole: Path, tmp_path: Path, junk: bytes) -> None:
-    path = tmp_path / "junk.mcap"
-    path.write_bytes(whole.read_bytes()[:8] + junk)
-    entries, damage = _read(path)
+    entries, damage = _read(_written(tmp_path, whole.read_bytes()[:8] + junk))
     assert not entries
     assert damage
+
+
+def _written(folder: Path, data: bytes | bytearray) -> Path:
+    path = folder / "damaged.mcap"
+    path.write_bytes(data)
+    return path
 
 
 def _read(path: Path) -> tuple[list[Entry], list[Damage]]:

@@ -61,7 +61,7 @@ def test_every_cut_keeps_exactly_the_whole_chunks(tmp_path: Path, seconds: float
 
 
 def test_a_cut_around_any_record_keeps_exactly_the_whole_chunks(tmp_path: Path) -> None:
-    victim = Victim(whole_file(tmp_path, 0.5), tmp_path)
+    victim = Victim(whole_file(tmp_path, 0.3), tmp_path)
     for boundary in record_boundaries(victim.data):
         for size in {max(0, boundary - 1), boundary, min(boundary + 1, len(victim.data))}:
             victim.ensure_cut_is_recovered(size)

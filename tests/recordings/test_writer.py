@@ -44,6 +44,8 @@ from tests.recordings.trials import (
 from tests.refusals import raises_refusal
 from tests.timeout import scaled_timeout
 
+ITEMS = tuple(trial(4.0))
+
 
 def test_what_is_written_comes_back_in_order(tmp_path: Path) -> None:
     items = [*trial(1.0), skipped(100, 3), Event("mark", "ä漢", 0, "operator")]
@@ -168,7 +170,7 @@ def test_wherever_the_disk_takes_no_more_nothing_stored_is_missing(tmp_path: Pat
     errors = (errno.ENOSPC, "no more room"), (errno.EIO, "volume gone")
     for number, room in enumerate([*range(0, 6000, 122), *range(6000, 30_000, 1997)]):
         error, words = errors[number % 2]
-        claim = write_trial(tmp_path / f"{room}.mcap", 4.0, disk_with_room(room, error))
+        claim = write_trial(tmp_path / f"{room}.mcap", disk_with_room(room, error))
         assert claim is not None and words in claim.sentence
         assert (claim.returned, claim.missing) == (0, 0), f"room for {room} bytes"
 
@@ -181,7 +183,7 @@ def test_a_disk_that_fails_to_sync_takes_back_what_it_was_given_since(tmp_path: 
             if next(left, None) is None:
                 raise OSError(errno.EIO, "Input/output error")
 
-        claim = write_trial(tmp_path / f"{good}.mcap", 4.0, sync=sync)
+        claim = write_trial(tmp_path / f"{good}.mcap", sync=sync)
         assert claim is not None and "Input/output error" in claim.sentence
         assert (claim.returned, claim.missing) == (0, 0), f"after {good} syncs"
 
@@ -189,13 +191,13 @@ def test_a_disk_that_fails_to_sync_takes_back_what_it_was_given_since(tmp_path: 
 def test_a_disk_that_goes_with_its_cache_takes_back_what_it_was_given_since_the_last_sync(tmp_path: Path) -> None:
     for number, room in enumerate(range(2000, 40_000, 733)):
         error = (errno.EROFS, errno.EIO)[number % 2]
-        claim = write_trial_on_disk_that_goes(tmp_path / f"{room}.mcap", 4.0, room, error)
+        claim = write_trial_on_disk_that_goes(tmp_path / f"{room}.mcap", room, error)
         assert claim is not None and claim.sentence
         assert (claim.returned, claim.missing) == (0, 0), f"room for {room} bytes"
 
 
 def test_what_was_synced_before_a_failed_write_is_still_claimed(tmp_path: Path) -> None:
-    claim = write_trial_on_disk_that_goes(tmp_path / "a.mcap", 4.0, 30_000, errno.EROFS)
+    claim = write_trial_on_disk_that_goes(tmp_path / "a.mcap", 30_000, errno.EROFS)
     assert claim.stored["/force"] == claim.kept["/force"] > 1000
     assert f"last stored samples are /force {claim.stored['/force'] - 1}," in claim.sentence
 
@@ -528,7 +530,6 @@ class Claim:
 
 def write_trial(
     path: Path,
-    seconds: float,
     create: Callable[[Path], BinaryIO] = create_exclusively,
     sync: Callable[[int], None] = lambda _: None,
 ) -> Claim | None:
@@ -539,7 +540,7 @@ def write_trial(
     except WriteFailed as error:
         return Claim(str(error), 0, {}, {})
     sentence, returned = "", 0
-    for item in trial(seconds):
+    for item in ITEMS:
         wall.now += 0.03
         try:
             writer.write(item)
@@ -557,7 +558,7 @@ def write_trial(
     return Claim(sentence, returned, stored, _readable(path))
 
 
-def write_trial_on_disk_that_goes(path: Path, seconds: float, room: int, error: int) -> Claim | None:
+def write_trial_on_disk_that_goes(path: Path, room: int, error: int) -> Claim | None:
     """As write_trial(), on a disk that takes so many bytes and then goes."""
     disks: list[DiskThatGoes] = []
 
@@ -568,7 +569,7 @@ def write_trial_on_disk_that_goes(path: Path, seconds: float, room: int, error: 
     def sync(file: int) -> None:
         disks[0].sync(file)
 
-    return write_trial(path, seconds, create, sync)
+    return write_trial(path, create, sync)
 
 
 def _readable(path: Path) -> dict[str, int]:

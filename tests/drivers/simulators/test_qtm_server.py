@@ -243,9 +243,14 @@ def test_the_eleventh_client_is_turned_away() -> None:
             client.close()
 
 
-def test_a_port_that_is_taken_is_refused_at_the_start() -> None:
+def test_a_taken_port_of_the_server_or_the_discovery_is_refused_at_the_start() -> None:
     with simulator() as qtm, pytest.raises(OSError, match=r"in use|10048"):
         QualisysSimulator(World(settings_from_dict({})), port=qtm.port).start()
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
+        other.bind(("127.0.0.1", 0))
+        with pytest.raises(OSError) as refused:
+            QtmDiscovery(22223, other.getsockname()[1]).start()
+    assert refused.value.errno == errno.EADDRINUSE
 
 
 def test_a_silent_server_ends_though_a_client_waits_for_its_answer() -> None:
@@ -321,11 +326,3 @@ def test_the_answer_goes_to_the_port_that_the_packet_names_and_what_is_no_reques
         with pytest.raises(BlockingIOError):
             listening.recvfrom(1000)
     responder.stop()
-
-
-def test_a_port_that_is_taken_is_refused() -> None:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
-        other.bind(("127.0.0.1", 0))
-        with pytest.raises(OSError) as refused:
-            QtmDiscovery(22223, other.getsockname()[1]).start()
-    assert refused.value.errno == errno.EADDRINUSE

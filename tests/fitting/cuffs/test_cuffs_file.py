@@ -65,7 +65,7 @@ def test_what_is_written_is_read_back(path: Path) -> None:
     assert parameters.source == "abc"
 
 
-def test_the_file_has_the_keys_others_rely_on() -> None:
+def test_the_file_has_the_keys_others_rely_on_and_the_latest_donning_at_the_top() -> None:
     cuff = _plain(_fit())["cuffs"]["hand"]
     assert cuff["stiffness_n_per_m"] == {
         "value": 8520.0,
@@ -75,6 +75,9 @@ def test_the_file_has_the_keys_others_rely_on() -> None:
         "cramer_rao_bound": 8.0,
     }
     assert set(cuff) >= {"damping_n_s_per_m", "migration_m", "verdict", "donnings", "trials", "sources"}
+    cuff = _plain(_fit("1"), _fit("2"))["cuffs"]["hand"]
+    assert cuff["donning"] == "2"
+    assert list(cuff["donnings"]) == ["1", "2"]
 
 
 def test_what_is_not_identified_is_null_and_the_verdict_says_why(path: Path) -> None:
@@ -134,12 +137,6 @@ def test_a_stiffness_that_the_diagnosis_calls_wrong_cannot_be_worn(path: Path, v
     assert read.verdicts == (verdict,)
     with raises_refusal(FitErrorCode.NOT_IDENTIFIED, missing="stiffness and damping"):
         read.parameters()
-
-
-def test_the_latest_donning_is_at_the_top_and_the_others_are_beside_it() -> None:
-    cuff = _plain(_fit("1"), _fit("2"))["cuffs"]["hand"]
-    assert cuff["donning"] == "2"
-    assert list(cuff["donnings"]) == ["1", "2"]
 
 
 def test_a_file_written_by_hand_needs_only_values(path: Path) -> None:

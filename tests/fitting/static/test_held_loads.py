@@ -485,7 +485,7 @@ def _cycle(forces: Sequence[float], x: Sequence[float], shift: float = 0.0) -> l
     return held
 
 
-def test_the_drift_of_the_zero_is_the_weighted_mean_of_what_the_bare_hook_gains() -> None:
+def test_the_drift_of_the_zero_is_the_weighted_mean_of_what_the_bare_hook_gains_and_is_removed() -> None:
     """From the middle of the first hold to that of the last: 31 s, and 21 s of a shorter trial."""
     long, short = _cycle((2, 40, 20, 3.55), [0.0] * 4), _cycle((2, 40, 2.21), [0.0] * 3)
     (one, other), errors = (0.05, 0.01), np.array([math.hypot(0.1, 0.4) / 31, math.hypot(0.1, 0.3) / 21])
@@ -499,9 +499,6 @@ def test_the_drift_of_the_zero_is_the_weighted_mean_of_what_the_bare_hook_gains(
     alike = _drift([long, long])
     assert alike is not None and alike.standard_error == pytest.approx(errors[0] / math.sqrt(2))
     assert _drift([_cycle((40, 20, 2), [0.0] * 3)]) is _drift([]) is None
-
-
-def test_a_drift_is_removed_from_the_first_hold_on() -> None:
     held = _cycle((2, 40, 20, 3.55), [0.0] * 4)
     assert [plateau.force for plateau in _without_drift(held, 0.05)] == pytest.approx([2, 39.5, 19, 2.0])
     assert _without_drift(held, 0.0) == tuple(held) and _without_drift([], 0.05) == ()
@@ -848,12 +845,12 @@ def test_load_and_low_pass_that_coincide_do_not_determine_creep() -> None:
 
 
 def test_half_seconds_of_a_hold_count_if_more_than_half_of_their_frames_are_seen() -> None:
-    time = [9.9, 10.0, 10.1, 10.2, 10.3, 10.5, 10.6, 11.0, 11.1, 11.2, 11.5, 11.6, 11.7, 11.8]
+    time = 0.125 + np.array([9.9, 10.0, 10.1, 10.2, 10.3, 10.5, 10.6, 11.0, 11.1, 11.2, 11.5, 11.6, 11.7, 11.8])
     x = [9.0, 1.0, 2.0, 3.0, 6.0, 7.0, 8.0, 4.0, 5.0, 6.0, 1.0, math.nan, 2.0, 9.0]
-    pull = replace(_reduced(CREEPING, 1)[0][0], marker_time=np.array(time), displacement=np.array(x))
-    plateau = Plateau(10.0, 11.7, 40.0, 0.1, 0.0, 0.3, (0.0, 0.3))
+    pull = replace(_reduced(CREEPING, 1)[0][0], marker_time=time, displacement=np.array(x))
+    plateau = Plateau(10.125, 11.825, 40.0, 0.1, 0.0, 0.3, (0.0, 0.3))
     bins = _binned(pull, replace(_fit_of(None, segment=[3, 5]), plateaus=(plateau, replace(plateau, force=50.0))))
-    assert bins.time == pytest.approx([10.15, 11.1] * 2)
+    assert bins.time == pytest.approx([10.275, 11.225] * 2)
     assert bins.x == pytest.approx([3.0, 5.0] * 2)
     assert bins.sd == pytest.approx(0.3 * np.sqrt([11 / 4, 11 / 3] * 2))
     assert bins.force.tolist() == [40.0, 40.0, 50.0, 50.0]

@@ -100,9 +100,6 @@ def test_the_limits_of_agreement_of_bland_and_altman_are_the_published_ones() ->
     assert (found.lower_limit.value, found.upper_limit.value) == pytest.approx((-78.1, 73.9), abs=0.2)
     for limit in (found.lower_limit, found.upper_limit):
         assert np.diff(limit.ci95) == pytest.approx(114.3 - 45.1, abs=1.0)
-
-
-def test_two_pairs_have_no_limits_of_agreement() -> None:
     found = agree(np.array([[1.0, 2.0], [2.0, 3.5]]))
     assert (found.bias, found.lower_limit, found.upper_limit) == (Measure(1.25), Measure(), Measure())
 

@@ -213,7 +213,4 @@ def test_bounces_are_put_together_and_the_newest_run_of_each_counts() -> None:
     assert set(calibration.sources) == {"test-bounce_run-2.mcap", "test-bounce_run-3.mcap"}
     assert calibration.recorded_utc_ns == max(late.start_utc_ns, 99)
     assert list(refused) == ["test-bounce_run-4.mcap"]
-
-
-def test_without_a_bounce_there_is_no_calibration() -> None:
     assert calibrate([]) == (None, {})

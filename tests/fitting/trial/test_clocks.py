@@ -59,34 +59,28 @@ def _capture(numbers: list[int], stamps: list[float], arrival: list[float], edge
         ([811, 812, 1, 2, 3, 901], [50, 51, 0, 1, 2, 54], [-2, -1, 0, 1, 2, 3], 0.0, slice(2, 5)),
         ([811, 812, 1, 2, 9, 10], [0] * 6, [-2, -1, 0, 1, 8, 9], 0.0, slice(2, 6)),
         ([1, 2, 3, 1, 2], [1, 2, 3, 4, 5], [0, 1, 2, 300, 301], 3.0, slice(3, 5)),
+        ([811, 812, 813, 1, 2, 3, 4, 900, 901], [*range(50, 59)], [*range(-3, 6)], 0.0, slice(3, 7)),
+        ([811, 812, 813, 1, 2, 3, 4, 2, 3], [*range(50, 59)], [*range(-3, 6)], 0.0, slice(3, 7)),
+        ([1, 2, 2, 3], [1, 2, 2, 3], [0, 1, 1, 2], 0.0, slice(0, 4)),
+        ([1, 2, 3, 4, 5], [1, 2, 3, 5.5, 6.5], [0, 1, 2, 3, 4], 0.0, slice(0, 5)),
+        ([1, 2, 3, 4, 5], [1, 2, 3, 6, 7], [0, 1, 2, 3, 4], 0.0, slice(0, 3)),
     ],
-    ids=["numbers step like stamps", "stamps start anew", "constant stamps", "the second of two, at the edge"],
+    ids=[
+        "numbers step like stamps",
+        "stamps start anew",
+        "constant stamps",
+        "the second of two, at the edge",
+        "preview after it, numbers jump forward",
+        "preview after it, numbers jump backward",
+        "a frame sent twice",
+        "stamps ahead by 1.5 frames",
+        "stamps ahead by 2 frames",
+    ],
 )
 def test_the_frames_of_a_capture_are_those_whose_numbers_step_like_their_stamps(
     numbers: list[int], stamps: list[float], arrival: list[float], edge: float, expected: slice
 ) -> None:
     assert _capture(numbers, stamps, arrival, edge) == expected
-
-
-@pytest.mark.parametrize("after", [[900, 901], [2, 3]], ids=["forward", "backward"])
-def test_numbers_that_jump_while_the_stamps_go_on_are_preview(after: list[int]) -> None:
-    numbers = [811, 812, 813, 1, 2, 3, 4, *after]
-    arrival = list(range(-3, 6))
-    assert _capture(numbers, list(range(50, 59)), arrival) == slice(3, 7)
-
-
-@pytest.mark.parametrize(
-    ("numbers", "stamps", "expected"),
-    [
-        ([1, 2, 2, 3], [1, 2, 2, 3], slice(0, 4)),  # sent twice
-        ([1, 2, 3, 4, 5], [1, 2, 3, 5.5, 6.5], slice(0, 5)),
-        ([1, 2, 3, 4, 5], [1, 2, 3, 6, 7], slice(0, 3)),
-    ],
-)
-def test_a_capture_ends_where_numbers_and_stamps_differ_by_more_than_one_and_a_half_frames(
-    numbers: list[int], stamps: list[float], expected: slice
-) -> None:
-    assert _capture(numbers, stamps, [number - 1.0 for number in numbers]) == expected
 
 
 def _seen(start: float, ratio: float, capture: float, interval: float) -> SyncEdges:

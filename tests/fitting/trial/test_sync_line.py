@@ -104,17 +104,14 @@ def test_an_edge_before_one_and_a_half_seconds_of_low_line_is_early(rise: int, i
     assert edges.findings == ((note,) if is_early else ())
 
 
-def test_a_missing_stop_edge_is_named() -> None:
-    edges = find_edges(*line((2500, 9000)))
-    assert edges.falling is None
-    assert edges.findings == (Note(TrialNoteCode.SYNC_NO_STOP),)
-
-
-def test_a_trigger_pulse_gives_a_start_and_no_stop() -> None:
+def test_a_trigger_pulse_gives_a_start_and_no_stop_and_a_missing_stop_edge_is_named() -> None:
     edges = find_edges(*line((2500, 2510)))
     assert (edges.rising, edges.falling) == (pytest.approx(2.4995), None)
     assert edges.findings[0].code is TrialNoteCode.SYNC_SHORT
     assert edges.findings[0].figures["duration_s"] == pytest.approx(0.01)
+    edges = find_edges(*line((2500, 9000)))
+    assert edges.falling is None
+    assert edges.findings == (Note(TrialNoteCode.SYNC_NO_STOP),)
 
 
 SIX = line(*((i * 1000, i * 1000 + 100) for i in range(1, 7)))

@@ -137,11 +137,13 @@ def test_lost_samples_are_gaps_and_lost_frames_not_a_number() -> None:
     assert found[TrialNoteCode.FRAMES_LOST] == {"count": 1, "total_s": lost, "longest_s": lost}
 
 
-def test_a_gap_that_ends_at_time_zero_or_begins_at_the_end_is_none() -> None:
+def test_a_gap_that_ends_at_time_zero_or_begins_at_the_end_is_none_and_one_before_the_last_sample_is() -> None:
     """Times are exact: the first 501 samples last to 0, and the last frame is at 2.5 s."""
     kept = np.ones(3501, bool)
     kept[490:500] = kept[3001:3010] = False
     assert build(one_clock(**{"/force": force(np.arange(3501)[kept], 9.5)})).force_gaps == ()
+    timeline = build(one_clock(**{"/force": force(np.array([*range(2001), 2010]), 9.5)}))
+    assert timeline.force_gaps == (pytest.approx((1.5, 1.51), abs=1e-9),)
 
 
 @pytest.mark.parametrize(
@@ -211,11 +213,6 @@ def test_force_counts_from_its_first_to_its_last_sample(
     assert len(timeline.force_time) == samples
 
 
-def test_a_gap_before_the_last_sample_is_lost_force() -> None:
-    timeline = build(one_clock(**{"/force": force(np.array([*range(2001), 2010]), 9.5)}))
-    assert timeline.force_gaps == (pytest.approx((1.5, 1.51), abs=1e-9),)
-
-
 def test_the_capture_begins_at_the_rise_and_lasts_as_long_as_its_frames() -> None:
     timeline = build(captured(), EDGE)
     assert (timeline.clock.start, timeline.clock.ratio) == (pytest.approx(1.9995), pytest.approx(1.0, abs=1e-6))
@@ -242,15 +239,12 @@ def test_without_a_stop_edge_the_clocks_are_assumed_to_drift() -> None:
     assert figures_by_code(timeline.notes).keys() == {TrialNoteCode.SYNC_NO_STOP}
 
 
-def test_a_capture_whose_first_frames_are_lost_keeps_its_time() -> None:
+def test_lost_first_frames_leave_the_time_of_a_capture_and_live_preview_before_it_is_left_out() -> None:
     tracks = captured()
     later = markers(np.arange(21, 301), -0.01, 1.9995)
     timeline = build(tracks | {"/markers": later}, EDGE)
     assert timeline.marker_time[0] == pytest.approx(0.2)
     assert timeline.markers[0, 0, 0] == pytest.approx(0.021)
-
-
-def test_live_preview_before_the_capture_has_other_numbers_and_is_left_out() -> None:
     preview, capture = markers(np.arange(500, 600), -6.0, 1.0), captured()["/markers"]
     names = ("sample_numbers", "device_time_ns", "host_time_ns", "values")
     both = [np.concatenate([getattr(preview, name), getattr(capture, name)]) for name in names]
@@ -608,7 +602,4 @@ def test_the_highest_rate_passes_over_gaps_and_rows_that_are_not_full() -> None:
     means[10:] += 100.0
     assert highest_rate(numbers, means, 1000.0) == pytest.approx(5.0)
     assert highest_rate(numbers[:1], means[:1], 1000.0) == 0.0
-
-
-def test_force_of_ten_lines_a_second_has_a_rate_too() -> None:
     assert highest_rate(np.arange(5), np.array([[0.0], [1.0], [3.0], [3.0], [3.0]]), 10.0) == pytest.approx(20.0)

@@ -167,13 +167,17 @@ def test_columns_may_be_separated_by_commas_or_semicolons_and_an_empty_unit_is_m
     assert same(read_trc(file(tmp_path, retabbed(text.replace("\tmm\t", "\t\t"), separator))), walk())
 
 
-def test_blanks_separate_columns_where_no_marker_is_missing(tmp_path: Path) -> None:
+def test_blanks_separate_columns_where_no_marker_is_missing_also_with_decimal_commas(tmp_path: Path) -> None:
     whole = replace(walk(), positions=np.nan_to_num(walk().positions, nan=7.0))
     text = "\n".join(" ".join(line.split()) for line in write_trc(whole, "t").split("\n"))
     read = read_trc(file(tmp_path, text))
     assert read.labels == whole.labels and np.array_equal(read.positions, whole.positions)
     with raises_refusal(RecordingCode.FOREIGN_TITLES, "expected 11"):
         read_trc(file(tmp_path, text.replace(" 7.0 7.0 7.0", "", 1)))
+    table = replace(walk(), positions=np.where(walk().missing[..., None], 0.0, walk().positions))
+    header, rows = write_trc(table, "t").split("\n\n")
+    read = read_trc(file(tmp_path, f"{header}\n\n{rows.replace('.', ',').replace(chr(9), ' ')}"))
+    assert same(read, walk())
 
 
 @pytest.mark.parametrize("change", ["1.0", "tabs", "cr", "crcrlf", "utf-16", "latin-1"])
@@ -212,10 +216,3 @@ def test_times_of_another_unit_are_named_by_the_rate(tmp_path: Path, unit: str, 
     path = file(tmp_path, write_trc(replace(walk(), time_s=in_second * walk().time_s), "t"))
     with raises_refusal(RecordingCode.FOREIGN_CONTRADICTORY, f"times in {unit};"):
         read_trc(path)
-
-
-def test_blanks_separate_columns_with_decimal_commas(tmp_path: Path) -> None:
-    table = replace(walk(), positions=np.where(walk().missing[..., None], 0.0, walk().positions))
-    header, rows = write_trc(table, "t").split("\n\n")
-    read = read_trc(file(tmp_path, f"{header}\n\n{rows.replace('.', ',').replace(chr(9), ' ')}"))
-    assert same(read, walk())
