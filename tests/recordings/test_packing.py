@@ -145,9 +145,6 @@ def test_what_cannot_be_kept_as_it_is_is_refused_in_a_sentence(message: Event | 
         pack(message)
 
 
-# The schemas in the code, in the file and on the page are the same.
-
-
 def test_the_page_states_the_fields_that_the_code_writes_and_the_topics_in_file_order() -> None:
     page = (Path(recordings.__file__).parent / "FORMAT.md").read_text(encoding="utf-8")
     on_page = dict(re.findall(r"message (\w+) \{(.*?)\n\}", page, re.DOTALL))

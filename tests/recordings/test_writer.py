@@ -444,9 +444,6 @@ def test_a_disk_that_hangs_does_not_hold_up_the_end_for_ever(monkeypatch: pytest
     assert isinstance(disk.failure, TimeoutError) and disk.failure.strerror == "the disk does not answer"
 
 
-# The index of the chunks costs next to no memory while a file is written, and is the package's own in the file.
-
-
 def test_the_file_is_what_the_package_would_have_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     items = list(trial(20.0))
     ours = record(tmp_path / "ours.mcap", items)

@@ -9,7 +9,6 @@ import socket
 import struct
 import sys
 from collections.abc import Awaitable, Callable
-from itertools import pairwise
 from typing import Any
 from xml.etree import ElementTree
 
@@ -20,7 +19,7 @@ from qtm_rt.packet import QRTComponentType, QRTEvent
 from qtm_rt.protocol import QRTCommandException
 
 from drivers.simulators.faults import fault_from_dict
-from drivers.simulators.qtm_server import MOST_CLIENTS, QtmDiscovery, QualisysSimulator
+from drivers.simulators.qtm_server import QtmDiscovery, QualisysSimulator
 from drivers.simulators.settings import settings_from_dict
 from drivers.simulators.simulated_bench import Bench
 from drivers.simulators.world import World
@@ -84,13 +83,6 @@ def test_it_identifies_itself_in_the_words_of_qtm_and_its_settings_name_the_mark
         talk(qtm.port, ask)
 
 
-def test_every_frame_of_a_capture_arrives_numbered_from_one_with_the_time_since_then() -> None:
-    with simulator() as qtm:
-        client = talk(qtm.port, lambda client: capture(client, 500))
-    assert [packet.framenumber for packet in client.frames] == list(range(1, len(client.frames) + 1))
-    assert [packet.timestamp for packet in client.frames[:500]] == list(range(0, 5_000_000, 10_000))
-
-
 def test_labelled_3d_comes_with_and_without_residuals() -> None:
     with simulator(occlusions_per_minute=0) as qtm:
         plain = talk(qtm.port, lambda client: capture(client, 10, component="3d"))
@@ -122,19 +114,6 @@ def test_a_client_may_ask_for_fewer_frames(which: str, step: int) -> None:
     with simulator() as qtm:
         client = talk(qtm.port, lambda client: capture(client, 50, which=which))
     assert [packet.framenumber for packet in client.frames] == [1 + step * n for n in range(len(client.frames))]
-
-
-def test_with_a_preview_frames_are_sent_before_the_capture_and_their_numbers_restart_with_it() -> None:
-    async def watch(client: Client) -> None:
-        await client.rt.stream_frames("allframes", ["3d"], client.frames.append)
-        await client.wait_for(lambda: len(client.frames) > 200)
-        await capture(client, len(client.frames) + 500, component="3d")
-
-    with simulator(has_preview=True) as qtm:
-        client = talk(qtm.port, watch)
-    numbers = [packet.framenumber for packet in client.frames]
-    assert all(after in (before + 1, 1) for before, after in pairwise(numbers))
-    assert 1 in numbers[200:]
 
 
 def test_a_capture_sends_events_at_its_start_its_end_and_when_it_is_saved() -> None:
@@ -230,17 +209,6 @@ def test_commands_out_of_turn_are_refused_in_qtms_words_and_any_password_does_wh
 
     with simulator() as qtm:
         talk(qtm.port, ask)
-
-
-def test_the_eleventh_client_is_turned_away() -> None:
-    with simulator() as qtm:
-        clients = [socket.create_connection(("127.0.0.1", qtm.port)) for _ in range(MOST_CLIENTS)]
-        for client in clients:
-            client.recv(100)  # the welcome: it is counted
-        eleventh = socket.create_connection(("127.0.0.1", qtm.port))
-        assert b"Max number of clients reached" in eleventh.recv(100)
-        for client in [*clients, eleventh]:
-            client.close()
 
 
 def test_a_taken_port_of_the_server_or_the_discovery_is_refused_at_the_start() -> None:

@@ -135,31 +135,6 @@ def test_a_triggered_task_begins_within_a_tenth_of_a_millisecond_of_the_edge(
     assert task.acquired() == pytest.approx(acquired, abs=1 if acquired else 0)
 
 
-def test_one_task_runs_at_a_time(world: StandInWorld) -> None:
-    device = instrument(world)
-    first, second = task_on(device, "ai0"), task_on(device, "ai1")
-    first.start()
-    with raises_code(-200022):
-        second.start()
-    assert device.is_streaming
-    first.stop()
-    assert not device.is_streaming
-    second.start()
-    assert device.is_streaming
-
-
-def test_a_reset_of_the_device_aborts_the_running_task_for_good(world: StandInWorld) -> None:
-    device = instrument(world)
-    left, new = task_on(device, "ai0"), task_on(device, "ai0")
-    left.start()
-    device.reset()
-    new.start()
-    world.advance(0.1)
-    assert new.acquired() > 0
-    with raises_code(-88709):
-        left.ensure_alive()
-
-
 def test_more_than_10_000_samples_a_second_in_all_are_refused(world: StandInWorld) -> None:
     task = task_on(instrument(world), "ai0", "ai1")
     task.set_clock(5001, 0)

@@ -134,9 +134,6 @@ def test_a_gap_in_a_table_is_a_missing_figure() -> None:
         cuff.parameters()
 
 
-# Draws from a cuff's parameters are as wide as the intervals of its fit.
-
-
 def _fit() -> CuffFit:
     """k with an interval twice as wide as 1.96 standard errors, c and migration with normal ones."""
     covariance = np.array([[100.0, 30.0, 0.0], [30.0, 25.0, 0.0], [0.0, 0.0, 1e-8]])

@@ -51,11 +51,6 @@ def _donning(law: Law, seed: int = 1, repeats: int = 2, **rig: float) -> ModelCo
     return _compared(OddSession(law, Rig(), seed, truth), repeats)
 
 
-@pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.slow)])
-def test_a_spring_and_a_damper_are_not_called_anything_richer(seed: int) -> None:
-    assert _donning(Law(), seed).name == KELVIN_VOIGT
-
-
 @pytest.mark.parametrize(
     ("rig", "repeats"),
     [

@@ -188,9 +188,6 @@ def test_an_anchor_that_defines_no_frame_is_not_taken_for_exchanged_labels() -> 
     assert make_pulls([replace(trial, markers=markers)])[1]["s"].code is RejectionCode.ANCHOR_COLLINEAR
 
 
-# Held loads in a trial's force.
-
-
 def _staircase(rate: float, seed: int, transfer: float = 0.3, hold: float = 6.0) -> tuple[np.ndarray, np.ndarray]:
     time = np.arange(0, hold * len(LEVELS), 1 / rate)
     force = np.full(len(time), LEVELS[0])

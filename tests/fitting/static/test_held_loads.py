@@ -242,9 +242,6 @@ def test_cuffs_json_gets_all_of_it_in_units() -> None:
     np.testing.assert_allclose(steps, 8.0 * np.arange(1, 11), atol=1.0)
 
 
-# Migration: the displacement that remains after unloading.
-
-
 def _trial(*held: tuple[float, float]) -> list[Plateau]:
     return [Plateau(0, 8, force, 0.1, x, 3e-5, (x, 3e-5)) for force, x in held]
 
@@ -471,9 +468,6 @@ def test_segments_begin_at_rises_or_at_turns() -> None:
     assert segments((2, 17, 10, 12), "every rise") == [0, 1, 1, 2]
     assert segments((0, 0.3, 0.61), "every rise") == [0, 0, 1]
     assert segments((2, 17, 2, 17, 32), "at turns") == [0, 1, 2, 3, 3]
-
-
-# Drift of the zero, energy of a cycle, creep and notes, in closed form.
 
 
 def _cycle(forces: Sequence[float], x: Sequence[float], shift: float = 0.0) -> list[Plateau]:

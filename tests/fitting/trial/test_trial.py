@@ -374,9 +374,6 @@ def test_a_file_that_is_not_toml_or_of_an_unknown_recording_is_refused(tmp_path:
         read_protocol(_written(tmp_path, '[steps_s]\n"b.mcap" = [3]'))
 
 
-# Readings of a known mass: their uncertainty, their tolerance, the drift between them, and what they prove.
-
-
 def test_readings_that_agree_change_nothing() -> None:
     checks = [MassCheck("", 2.0, 19.613, 19.60, 0.02, 0.1), MassCheck("", 2.0, 19.613, 19.63, 0.02, 0.4)]
     trial = build_trial(*_recorded(), "a.mcap", "hash")

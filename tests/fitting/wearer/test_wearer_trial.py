@@ -82,9 +82,6 @@ def test_what_is_no_wearer_or_lacks_his_markers_is_refused(
         build_wearer_trial(replace(MANIFEST, body=body), recorded(), "a.mcap", "0" * 64)
 
 
-# Elevation of the arm, and cycles of it, against curves whose cycles are known.
-
-
 def raised(starts: list[float], heights: list[float], length: float = 3.0) -> np.ndarray:
     """Elevation [rad]: 30° at rest, a raised cosine of so many degrees from each start on."""
     angle = np.full(TIME.shape, 30.0)
