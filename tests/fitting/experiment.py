@@ -7,7 +7,7 @@ slowly beyond it; the limit grows with the way slipped.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numba import njit
@@ -67,8 +67,6 @@ class Truth:
     sway_angle: float = 5e-3
     occlusion: float = 0.0
     has_rope_markers: bool = False
-    anchor: NDArray[np.float64] = field(default_factory=lambda: ANCHOR)
-    lab_rotation: NDArray[np.float64] = field(default_factory=lambda: np.eye(3))
 
 
 def published(cuff: str, **changes: object) -> Truth:
@@ -120,7 +118,7 @@ class Session:
         )
         self.slip = float(slip[-1])
         seen = self.exposed(time)
-        shifts = np.zeros((len(seen), len(truth.anchor) + 1, 3))
+        shifts = np.zeros((len(seen), len(ANCHOR) + 1, 3))
         shifts[:, -1] = x[seen, None] * PULL
         return self.assemble(test, repeat, time, load, shifts)
 
@@ -145,7 +143,7 @@ class Session:
         truth = self.truth
         start_ns = 1_700_000_000_000_000_000 + int(self.trials * 120e9)
         self.trials += 1
-        body, labels = np.vstack((truth.anchor, CUFF)), tuple(f"anchor_{i + 1}" for i in range(len(truth.anchor)))
+        body, labels = np.vstack((ANCHOR, CUFF)), tuple(f"anchor_{i + 1}" for i in range(len(ANCHOR)))
         rope: tuple[str, ...] = ()
         if truth.has_rope_markers:
             rope = ("rope_1", "rope_2")
@@ -187,7 +185,7 @@ class Session:
         sway = truth.sway * np.column_stack([self._wander(frame_time, 0.05, 0.8) for _ in range(3)])
         turn = truth.sway_angle * np.column_stack([self._wander(frame_time, 0.05, 0.8) for _ in range(3)])
         lab = np.einsum("fij,fmj->fmi", _rotations(turn), body) + sway[:, None]
-        lab = lab @ truth.lab_rotation.T + np.array([0.4, -0.2, 1.1])
+        lab += np.array([0.4, -0.2, 1.1])
         lab += truth.marker_noise * self._remembered(self.random.standard_normal(lab.shape))
         values = np.concatenate((1e3 * lab, np.full((*lab.shape[:2], 1), 0.5)), axis=2).astype(np.float32)
         for marker in range(values.shape[1]):

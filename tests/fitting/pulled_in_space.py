@@ -66,9 +66,7 @@ def directions(spread: float, count: int = 5) -> NDArray[np.float64]:
     return np.array([(1.0, 0.0, 0.0), *turned])[:count]
 
 
-def pulled(
-    space: Space, u: NDArray[np.float64], test: str, repeat: int, random: np.random.Generator, file: str = ""
-) -> Trial:
+def pulled(space: Space, u: NDArray[np.float64], test: str, repeat: int, random: np.random.Generator) -> Trial:
     """One static or dynamic trial along u (3,)."""
     load = _held(space, random) if test == "static" else _swung(space, random)
     time = STEP / INSIDE * np.arange(len(load))
@@ -97,7 +95,7 @@ def pulled(
     force_time = np.arange(0.0, time[-1], 1 / space.force_rate)
     force = np.interp(force_time + space.lag, time, load) + space.zero
     of = {"test": test, "repeat": repeat, "start_utc_ns": (2 * repeat + (test == "dynamic")) * 10**12}
-    of |= {"file": file or f"{test}-{repeat}", "sha256": f"{test}{repeat}", "cuff_mass": space.mass}
+    of |= {"file": f"{test}-{repeat}", "sha256": f"{test}{repeat}", "cuff_mass": space.mass}
     measured = force_time, force + space.force_noise * random.standard_normal(len(force))
     site = CuffSite("elbow", "arm", LABELS[:4], LABELS[4:5], LABELS[5:])
     return trial_of(site, measured, (frames, LABELS, lab), LagUncertainty(0.0, space.lag_sd, 0.0), **of)

@@ -139,7 +139,6 @@ class Held:
     hook: float = 2.0
     hold: float = 8.0
     unloads: bool = False
-    rests_before_end: float = 0.0
     force_rate: float = 20.0
     force_noise: float = 0.51
     zero: float = 1.0
@@ -150,36 +149,33 @@ class Held:
     ghosts: float = 0.0
 
 
-def static_trial(truth: Held, seed: int, repeat: int = 1, slipped: float = 0.0) -> tuple[Trial, float]:
+def static_trial(truth: Held, seed: int) -> tuple[Trial, float]:
     """The trial, and how far the cuff has slipped at its end [m]."""
     random = np.random.default_rng(seed)
     time, load = _load(truth, random)
-    x, slip = _way(truth, load, slipped)
+    x, slip = _way(truth, load)
     force_time = np.arange(0.0, time[-1], 1 / truth.force_rate)
     force = np.interp(force_time, time, load) + truth.zero + truth.drift * force_time
     force += truth.force_noise * random.standard_normal(len(force_time))
-    frames = time
-    body = np.repeat(np.vstack((ANCHOR, CUFF))[None], len(frames), axis=0)
+    body = np.repeat(np.vstack((ANCHOR, CUFF))[None], len(time), axis=0)
     body[:, -1] += x[:, None] * PULL
-    lab = body + truth.sway * np.column_stack([wander(frames, random) for _ in range(3)])[:, None]
+    lab = body + truth.sway * np.column_stack([wander(time, random) for _ in range(3)])[:, None]
     lab += truth.marker_noise * random.standard_normal(lab.shape)
     _spoil(lab, truth, random)
     site, lag = CuffSite("hand", "arm", LABELS, ("cuff_1",)), LagUncertainty(0.0, 0.5e-3, 0.0)
-    of = {"repeat": repeat, "start_utc_ns": repeat * 10**12, "file": f"static-{repeat}", "sha256": f"s{repeat}"}
-    trial = trial_of(site, (force_time, force), (frames, (*LABELS, "cuff_1"), lab), lag, **of)
-    return trial, slip
+    return trial_of(site, (force_time, force), (time, (*LABELS, "cuff_1"), lab), lag), slip
 
 
 def _load(truth: Held, random: np.random.Generator) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     steps = [*truth.weights, *([-weight for weight in reversed(truth.weights)] if truth.unloads else [])]
-    time = np.arange(0.0, truth.hold * (len(steps) + 1) + truth.rests_before_end, STEP)
+    time = np.arange(0.0, truth.hold * (len(steps) + 1), STEP)
     load = np.full(len(time), truth.hook)
     for i, step in enumerate(steps, 1):
         load += step * np.clip((time - truth.hold * i - random.uniform(-0.3, 0.3)) / 0.4, 0, 1)
     return time, load
 
 
-def _way(truth: Held, load: NDArray[np.float64], slipped: float) -> tuple[NDArray[np.float64], float]:
+def _way(truth: Held, load: NDArray[np.float64]) -> tuple[NDArray[np.float64], float]:
     """Displacement (n,) [m]: elastic, with what has crept and slipped."""
     if truth.stiffening:
         elastic = np.log1p(truth.stiffening * load / truth.stiffness) / truth.stiffening
@@ -190,7 +186,7 @@ def _way(truth: Held, load: NDArray[np.float64], slipped: float) -> tuple[NDArra
     late, _ = lfilter([pace], [1.0, pace - 1.0], elastic, zi=[(1 - pace) * elastic[0]])
     crept = (elastic + truth.creep * late) / (1 + truth.creep)
     limit = np.maximum(np.maximum.accumulate(load) - truth.first_slip, 0.0)
-    slip = np.maximum(slipped, limit / truth.hardening)
+    slip = limit / truth.hardening
     return crept + slip, float(slip[-1])
 
 
