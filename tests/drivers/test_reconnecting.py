@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, nullcontext
 from importlib import import_module
 from typing import Any
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -23,33 +24,12 @@ GONE = DeviceLost("the device is gone; plug it in")
 SOON_S = 3.0  # wall; a third of what the world takes at its pace until a device is lost for good
 
 
-class Scripted:
+def scripted(reads: Sequence[Step], resumes: Sequence[Exception | None] = ()) -> Mock:
     """Delivers or raises what its script says, read by read; resume() has a script of its own."""
-
-    name = "the device"
     streams = (Stream("/force", "V", ("force",), 10.0, "the device"),)
-
-    def __init__(self, reads: Sequence[Step], resumes: Sequence[Exception | None] = ()) -> None:
-        self._reads = iter(reads)
-        self._resumes = iter(resumes)
-        self.attempts_s: list[float] = []
-        self.now: Callable[[], float] = lambda: 0.0
-
-    def open(self) -> None: ...
-
-    def close(self) -> None: ...
-
-    def read(self, timeout_s: float) -> Sequence[Item]:
-        step = next(self._reads)
-        if isinstance(step, Exception):
-            raise step
-        return step
-
-    def resume(self) -> None:
-        self.attempts_s.append(self.now())
-        error = next(self._resumes)
-        if error is not None:
-            raise error
+    device = Mock(streams=streams, **{"read.side_effect": reads, "resume.side_effect": resumes})
+    device.name = "the device"
+    return device
 
 
 class StandingClock:
@@ -67,9 +47,8 @@ def samples(first: int, count: int = 2, stream: str = "/force") -> Samples:
     return Samples(stream, numbers, numbers.astype(np.int64) * 100, 7, np.zeros((count, 1)))
 
 
-def opened(device: Scripted, timeout_s: float = 10.0) -> Reconnecting:
-    clock = StandingClock()
-    device.now = lambda: clock.wall_s
+def opened(device: Mock, timeout_s: float = 10.0, clock: StandingClock | None = None) -> Reconnecting:
+    clock = clock or StandingClock()
     reconnecting = Reconnecting(device, lambda: 42, timeout_s, lambda: clock.wall_s, clock.sleep)
     reconnecting.open()
     return reconnecting
@@ -80,7 +59,7 @@ def delivered(device: Reconnecting, reads: int) -> list[Item]:
 
 
 def test_a_loss_is_reported_at_once_and_the_return_too_with_one_gap_between_them() -> None:
-    device = opened(Scripted([[samples(0)], GONE, [], [samples(9)]], [None]))
+    device = opened(scripted([[samples(0)], GONE, [], [samples(9)]], [None]))
     _, lost, back, gap, after = delivered(device, 4)
     assert isinstance(lost, Event)
     assert isinstance(back, Event)
@@ -117,7 +96,7 @@ LATER = [samples(5), samples(4, stream="/sync")]
 def test_every_interrupted_stream_gets_its_own_gap_once(
     reads: Sequence[Step], is_anew: bool, losses: list[tuple[str, str, int, int]]
 ) -> None:
-    items = delivered(opened(Scripted(reads, [None])), len(reads))
+    items = delivered(opened(scripted(reads, [None])), len(reads))
     found = [(item.stream, item.cause, item.first_missing, item.count) for item in items if isinstance(item, Loss)]
     assert found == losses
     kinds = [item.kind for item in items if isinstance(item, Event)]
@@ -125,28 +104,33 @@ def test_every_interrupted_stream_gets_its_own_gap_once(
 
 
 def test_attempts_come_at_growing_intervals_until_patience_is_over() -> None:
-    refusal = DeviceUnavailable("nothing there")
-    device = Scripted([[samples(0)], GONE], [refusal] * 20)
-    reconnecting = opened(device, timeout_s=6.0)
+    clock, attempts_s = StandingClock(), [0.0]
+
+    def refuse() -> None:
+        attempts_s.append(clock.wall_s)
+        raise DeviceUnavailable("nothing there")
+
+    device = scripted([[samples(0)], GONE])
+    device.resume.side_effect = refuse
     with pytest.raises(DeviceLost) as caught:
-        delivered(reconnecting, 30)
+        delivered(opened(device, 6.0, clock), 30)
     assert caught.value.code is DeviceCode.NOT_RECONNECTED
-    assert np.diff([0.0, *device.attempts_s]) == pytest.approx([0.1, 0.2, 0.4, *[0.5] * 11])
+    assert np.diff(attempts_s) == pytest.approx([0.1, 0.2, 0.4, *[0.5] * 11])
 
 
 def test_between_attempts_reading_returns_within_its_time_out() -> None:
-    device = opened(Scripted([GONE], []))
+    device = opened(scripted([GONE], []))
     assert [len(device.read(0.02)) for _ in range(4)] == [1, 0, 0, 0]
 
 
 def test_a_device_that_answers_and_is_lost_at_once_is_not_reconnected() -> None:
-    device = opened(Scripted([[samples(0)], GONE, GONE, GONE, [samples(4)]], [None, None, None]))
+    device = opened(scripted([[samples(0)], GONE, GONE, GONE, [samples(4)]], [None, None, None]))
     kinds = [item.kind for item in delivered(device, 5) if isinstance(item, Event)]
     assert kinds == ["connection_lost", "connection_restored"]
 
 
 def test_a_closed_device_is_not_reconnected() -> None:
-    device = opened(Scripted([GONE]))
+    device = opened(scripted([GONE]))
     device.close()
     with pytest.raises(DeviceLost) as caught:
         device.read(0.0)
