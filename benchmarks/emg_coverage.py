@@ -9,7 +9,7 @@ import numpy as np
 
 from benchmarks.command_line import parse_options
 from fitting.emg.envelopes import EnvelopeSettings
-from tests.fitting.emg.simulated import NOISES, compare_pair, emg_pair
+from tests.fitting.emg.simulated import NOISES, compare_pair, emg_pairs
 
 if __name__ == "__main__":
     options, settings = parse_options(__doc__, pairs=500, first=40000), EnvelopeSettings()
@@ -17,6 +17,6 @@ if __name__ == "__main__":
     print("| noise | lag covered % | correlation covered % | lag identified % | median width [ms] |")
     print("|---|---:|---:|---:|---:|")
     for noise in NOISES:
-        pairs = np.array([compare_pair(emg_pair(noise, settings, seed), settings) for seed in seeds], dtype=float)
+        pairs = np.array([compare_pair(*emg_pairs(noise, settings, seed), settings) for seed in seeds], dtype=float)
         known, lag, _, rho = (f"{100 * share:.1f}" for share in pairs.mean(axis=0))
         print(f"| {noise} | {lag} | {rho} | {known} | {1000 * np.median(pairs[:, 2]):.0f} |", flush=True)

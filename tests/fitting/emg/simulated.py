@@ -64,8 +64,11 @@ def raw_emg(level: Array, random: np.random.Generator, channels: int = 1) -> Arr
     return np.asarray(level.reshape(len(level), -1) * noise / noise.std())
 
 
-def emg_pair(noise: Noise, settings: EnvelopeSettings, number: int) -> EmgPair:
-    """A movement of 8 to 16 s whose EMG comes up to 0.25 s before or after the activation; number is the seed."""
+def emg_pairs(noise: Noise, settings: EnvelopeSettings, number: int, count: int = 1) -> list[EmgPair]:
+    """A movement of 8 to 16 s whose EMG comes up to 0.25 s before or after the activation, measured `count` times.
+
+    number is the seed. The true correlation of a pair is from the other REPEATS measurements.
+    """
     random = np.random.default_rng((number, NOISES.index(noise), 77))
     lag, duration = random.uniform(-0.25, 0.25), random.uniform(8.0, 16.0)
     level = _movement(number % 3, duration, random)
@@ -74,10 +77,13 @@ def emg_pair(noise: Noise, settings: EnvelopeSettings, number: int) -> EmgPair:
     envelopes = emg_envelope(raw, RATE, settings)[:: int(RATE / MODEL_RATE)][: len(time)]
     inner = slice(int(0.5 * MODEL_RATE), -int(0.5 * MODEL_RATE))
     smoothed = smooth(level(time), MODEL_RATE, settings.bandwidth)
-    at_lag, unshifted = (
-        _correlation(envelopes[inner, 1:], np.interp(time - shift, time, smoothed)[inner]) for shift in (lag, 0.0)
-    )
-    return EmgPair(time, envelopes[:, 0], level(time), lag, at_lag, unshifted)
+    models = [np.interp(time - shift, time, smoothed)[inner] for shift in (lag, 0.0)]
+    pairs = []
+    for measured in range(count):
+        others = np.delete(envelopes[inner], measured, axis=1)
+        true = (_correlation(others, model) for model in models)
+        pairs.append(EmgPair(time, envelopes[:, measured], level(time), lag, *true))
+    return pairs
 
 
 def compare_pair(pair: EmgPair, settings: EnvelopeSettings) -> tuple[bool, bool, float, bool]:
