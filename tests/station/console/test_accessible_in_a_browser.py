@@ -18,7 +18,6 @@ from tests.station.console.browsing import (
     was_shown,
 )
 from tests.station.console.served import ServedConsole, write_config
-from tests.station.reported import report_session
 
 pytestmark = [pytest.mark.timeout(600), needs_axe]
 
@@ -82,8 +81,8 @@ def test_no_state_of_a_session_has_a_serious_fault(browser: Browser, tmp_path: P
         assert_usable(page, "live muscles")
 
 
-def test_a_report_has_no_serious_fault_folded_or_unfolded(browser: Browser, tmp_path: Path) -> None:
-    report = report_session(tmp_path) / "report.html"
+def test_a_report_has_no_serious_fault_folded_or_unfolded(browser: Browser, reported: Path) -> None:
+    report = reported / "report.html"
     for scheme in ("light", "dark"):
         page = open_page(browser, report.as_uri())
         page.emulate_media(color_scheme=scheme)  # type: ignore[arg-type]
