@@ -110,7 +110,7 @@ def main() -> None:
 
 @dataclass(frozen=True)
 class Lab:
-    """What a lab claims about the next wearer, and whether it was so.
+    """Claim of a lab about the next wearer, and whether it was true.
 
     decisions  outcome, claimed probability and truth by basis
     pair       claimed probability and truth of every statement on the pair

@@ -75,7 +75,7 @@ def distinct_files(folders: Sequence[Path], suffixes: Sequence[str]) -> Iterator
 
 
 def read_apart(reader: Callable[[Path], Content], path: Path) -> Content | str:
-    """What another reader finds in a process of its own, or why it finds nothing."""
+    """Content that another reader finds in a process of its own, or why it finds nothing."""
     pool = ProcessPoolExecutor(1, get_context("spawn"), initializer=_limit)
     try:
         return pool.submit(reader, path).result(LONGEST_S)

@@ -61,7 +61,7 @@ class Mutation:
         return code
 
 
-def mutations_of(source: str) -> list[Mutation]:
+def list_mutations(source: str) -> list[Mutation]:
     """All mutations of the source, in the order of its lines. Equal changes of equal lines are numbered."""
     tree, lines, seen, found = ast.parse(source), source.splitlines(), Counter[tuple[str, str]](), []
     for slot in _slots(tree, None, is_decisive=False):

@@ -41,7 +41,7 @@ from typing import Any
 
 import pytest
 
-from benchmarks.mutants import Mutation, mutations_of
+from benchmarks.mutants import Mutation, list_mutations
 
 ROOT = Path(__file__).parents[1]
 HARMLESS_FILE = Path(__file__).with_name("harmless_mutations.toml")
@@ -112,7 +112,7 @@ def assess(module: str, at: str, processes: int) -> None:
     with tempfile.TemporaryDirectory() as folder:
         runner = _Runner(module, str(path), tests, Path(folder))
         runner.prepare(compile(source, str(path), "exec"))
-        chosen = [mutation for mutation in mutations_of(source) if at in mutation.line]
+        chosen = [mutation for mutation in list_mutations(source) if at in mutation.line]
         before, harmless = _processor_seconds(), harmless_mutations().get(module, {})
         survivors = []
         for mutation in runner.survivors(chosen, processes):

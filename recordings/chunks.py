@@ -301,7 +301,7 @@ class Allowance:
             self._exceed(f"holds more than {self._most_records} records")
 
     def search_again(self, start: int, end: int) -> int:
-        """Where to continue a search after `start` to `end` held nothing: at `start`, while it may be read again."""
+        """Where a search continues after `start` to `end` held nothing: at `start`, while it may be read again."""
         self._searched_again -= max(0, end - start)
         return start if self._searched_again >= 0 else max(start, end)
 

@@ -1,4 +1,4 @@
-"""What can go wrong with a recording.
+"""Errors of a recording.
 
 RecordingError      the file cannot be read or made; one sentence says who, expected, found, what to do
 ├── WriteFailed     the disk took no more; names the last sample that is safely in the file

@@ -1,4 +1,4 @@
-"""Who, when, which cuff, with what: everything a fit needs beside the samples, written before the first of them.
+"""Subject, time, cuff and devices: everything a fit needs beside the samples, written before the first of them.
 
 And, written after the last of them, how the trial ended.
 """
@@ -78,7 +78,7 @@ class CuffSite:
 
 @dataclass(frozen=True)
 class BounceRig:
-    """What bounces under the load cell to calibrate it: a weight on a steel spring, and the marker on the weight.
+    """Oscillator under the load cell that calibrates it: a weight on a steel spring, and the marker on the weight.
 
     spring_mass_kg is the spring's own; mass_relative_sd the standard uncertainty of both masses.
     """
@@ -117,12 +117,12 @@ class BodyMarkers:
 
 
 TrialSubject = CuffSite | BounceRig | BodyMarkers
-"""What a trial is of; labels are the markers that it needs."""
+"""Subject of a trial; labels are the markers that it needs."""
 
 
 @dataclass(frozen=True)
 class EmgAmplifier:
-    """How /emg becomes volts at the electrodes: volts = value × volts per Stream.unit / gain.
+    """Conversion of /emg to volts at the electrodes: volts = value × volts per Stream.unit / gain.
 
     gains           by channel label; 1 for a channel that is not listed
     sync_threshold  of /emg_sync in its own unit; None where the amplifier does not record the sync line
@@ -139,7 +139,7 @@ class EmgAmplifier:
 
 @dataclass(frozen=True)
 class LoadCell:
-    """How /force becomes newtons: newtons = polarity × value × newtons_per_unit.
+    """Conversion of /force to newtons: newtons = polarity × value × newtons_per_unit.
 
     For an amplifier newtons_per_unit is capacity_kg × g / full_scale_v, for an indicator that of its unit.
     The rest is its certificate: gain_relative_sd the standard uncertainty of its scale, dates as YYYY-MM-DD; "" or
@@ -232,7 +232,7 @@ class Manifest:
 
     @property
     def subject(self) -> TrialSubject | None:
-        """What the trial is of, with the markers that it needs; None where the manifest names nothing."""
+        """Subject of the trial, with the markers that it needs; None where the manifest names nothing."""
         return self.cuff or self.bounce or self.body
 
     @property
@@ -253,7 +253,7 @@ class Manifest:
 
 @dataclass(frozen=True)
 class TrialOutcome:
-    """How a trial ended, and the proof that nothing before it is missing.
+    """Outcome of a trial, and the proof that nothing before it is missing.
 
     state     where the session's state machine ended: "closed" or "failed"
     sentence  why, for a person;  codes  the same for programs, empty in older recordings

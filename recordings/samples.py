@@ -33,7 +33,7 @@ class Stream:
 
 @dataclass(frozen=True)
 class DeviceIdentity:
-    """What a device reports of itself at opening.
+    """Identity of a device, as it reports itself at opening.
 
     name          the device as errors name it: "NI Dev1"
     text          product, serial number or version as the device gives them; "" if the wire carries none

@@ -126,7 +126,7 @@ SHARES = {"solving": _compile_solving, "paths": _compile_paths, "dynamics": _com
 
 
 def count_ready() -> int:
-    """How many of KERNELS this process has compiled or loaded."""
+    """Number of KERNELS that this process has compiled or loaded."""
     loaded = (getattr(sys.modules.get(module), name, None) for module, name in KERNELS)
     return sum(bool(kernel.signatures) for kernel in loaded if kernel is not None)
 

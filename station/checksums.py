@@ -45,7 +45,7 @@ ESCAPES = {"\\\\": "\\", "\\n": "\n", "\\r": "\r"}
 """Of sha256sum, in a line that begins with a backslash."""
 
 
-def sha256_of(path: Path) -> str:
+def file_sha256(path: Path) -> str:
     with once_released(lambda: path.open("rb"), path) as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
@@ -80,7 +80,7 @@ class Checksums:
 
     def _sha256(self, name: str) -> str | None:
         path = self.folder / name
-        return sha256_of(path) if _may_name(self.folder, name) and path.is_file() else None
+        return file_sha256(path) if _may_name(self.folder, name) and path.is_file() else None
 
 
 def write_checksums(*paths: Path) -> None:
@@ -95,7 +95,7 @@ def write_checksums(*paths: Path) -> None:
             written = {name_in(folder, path) for path in paths if list_folder(path) == folder}
             listed = {*written, *files_below(folder)} if is_first else written
             sums = Checksums(folder).sums | {
-                name: sha256_of(folder / name) for name in listed if name in written or (folder / name).is_file()
+                name: file_sha256(folder / name) for name in listed if name in written or (folder / name).is_file()
             }
             with replaced(folder / CHECKSUMS_FILE) as draft:
                 draft.write_bytes(b"".join(_line(name, sums[name]) for name in sorted(sums)))

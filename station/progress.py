@@ -35,7 +35,7 @@ def silent(stage: str, done: int, total: int) -> None:
     """A Progress that shows nothing."""
 
 
-def part_of(progress: Progress, part: str) -> Progress:
+def with_part(progress: Progress, part: str) -> Progress:
     """A Progress that adds the name of a part to the names of its stages."""
     return lambda stage, done, total: progress(f"{stage}, {part}", done, total)
 

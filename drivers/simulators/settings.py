@@ -149,7 +149,7 @@ class PersonSettings(_Section):
 
 
 class WearerSettings(_Section):
-    """Where the body stands in the laboratory, and how it sways (standard deviations per axis)."""
+    """Position of the body in the laboratory, and its sway (standard deviations per axis)."""
 
     position_mm: Point = (140.0, -60.0, 1240.0)
     orientation_deg: Point = (4.0, -11.0, 25.0)  # rotation vector

@@ -424,7 +424,7 @@ class FitErrorCode(Code):
 
 
 class FitOutcome(StrEnum):
-    """How an iteration ended.
+    """Outcome of an iteration.
 
     CONVERGED      its convergence criterion was met
     NOT_CONVERGED  it reached its limit of rounds while its parameters still changed

@@ -18,7 +18,7 @@ LEAST_FREEDOM = 3.5  # degrees of freedom below which a spread is not used: 4, l
 
 
 class SpreadOutcome(StrEnum):
-    """How the estimate ended.
+    """Outcome of the estimate.
 
     ESTIMATED      the spread can be used
     FEW_DONNINGS   fewer than 4 donnings more than cuffs

@@ -218,7 +218,7 @@ class TooFewObservations(FitError):
 
 
 class ComponentOutcome(StrEnum):
-    """How the estimate of a variance component ended.
+    """Outcome of the estimate of a variance component.
 
     ESTIMATED   above zero
     AT_ZERO     the likelihood is largest at zero, where an analysis of variance gives zero or a negative variance

@@ -49,7 +49,7 @@ ENTRIES_CONTINUED = 9
 
 @dataclass(frozen=True)
 class C3dHeader:
-    """What the first block states.
+    """Content of the first block.
 
     parameters_start, start       of the parameters and of the first frame [bytes]
     points, analog_values, per_frame  of a frame; analog values are those of all channels and samples together

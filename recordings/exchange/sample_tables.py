@@ -1,4 +1,4 @@
-"""What files of other programs hold, as arrays on the file's own clock; no alignment, no calibration."""
+"""Content of files of other programs, as arrays on the file's own clock; no alignment, no calibration."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ SPELLED_OUT = {
 }
 
 TIME_UNITS = {"ms": 1e3, "µs": 1e6, "min": 1 / 60, "frames": 0.0}
-"""How many of it are a second; frames are counted."""
+"""Number of them in a second; frames are counted."""
 ABOUT = 1.5
 """Largest ratio of the durations of two files of one measurement for which their ratio names a unit."""
 FEWEST_LETTERS = 4
@@ -245,7 +245,7 @@ def count_samples(time_s: NDArray[np.float64]) -> tuple[NDArray[np.int64], float
 
 
 def millimetres(unit: str, where: str) -> float:
-    """How many millimetres one of a file's units is; 1 where it names none, as mocap systems export in millimetres.
+    """Millimetres in a unit of a file; 1 where it names none, as mocap systems export in millimetres.
 
     Raises ForeignFile for an unknown unit.
     """

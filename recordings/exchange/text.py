@@ -18,9 +18,9 @@ from documents.regular_file import open_regular
 from recordings.errors import ForeignFile, RecordingCode
 
 MISSING = frozenset({"", "nan", "null", "n/a", "na", "-"})
-"""How programs write a value that is not there."""
+"""Texts by which programs write a missing value."""
 PRINTED_BY_C = re.compile(r"[+-]?(?:nan\(\w+\)|1\.#(?:ind|qnan|snan|inf)0*)", re.IGNORECASE)
-"""How Microsoft's C library has printed numbers that are none: -nan(ind), 1.#QNAN, -1.#IND0."""
+"""Texts by which Microsoft's C library has printed numbers that are none: -nan(ind), 1.#QNAN, -1.#IND0."""
 
 BYTE_ORDER_MARKS = (b"\xff\xfe", b"\xfe\xff")
 """Of UTF-16, in which spreadsheets save "Unicode text"."""
@@ -149,7 +149,7 @@ def listed(titles: Sequence[str]) -> str:
 
 
 def printed_by_c(lines: Sequence[str]) -> tuple[str, ...]:
-    """How numbers that are none are printed in these lines, where it is otherwise than by nan."""
+    """Texts other than nan by which these lines mark numbers that are none."""
     return tuple(sorted({found for line in lines for found in PRINTED_BY_C.findall(line)}))
 
 

@@ -288,7 +288,7 @@ class ThelenTendon:
 
     @property
     def toe_strain(self) -> float:
-        """Where both parts have the same slope (0.609 of the strain, as the paper rounds it)."""
+        """Strain at which both parts have the same slope (0.609 of the strain, as the paper rounds it)."""
         slope = self.toe_shape * self.toe_force * exp(self.toe_shape) / expm1(self.toe_shape)
         return self.strain * slope / (slope + 1.0 - self.toe_force)
 

@@ -175,7 +175,7 @@ def _invert(jacobian: Array, system: Array, terms: DynamicsTerms, frame: int) ->
 
 
 class Mobility(NamedTuple):
-    """What the response depends on besides the loads, all as in dynamics.EquationsOfMotion: screws (frames,
+    """State on which the response depends besides the loads, as in dynamics.EquationsOfMotion: screws (frames,
     coordinates, 6), mobility P, reaction_per_acceleration R_a, and the reaction's body and point (frames, 3).
     """
 

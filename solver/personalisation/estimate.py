@@ -45,7 +45,7 @@ LARGEST_GAP = 1e-6  # m or rad; of the constraints, in a frame that counts
 
 
 class EstimateOutcome(StrEnum):
-    """How the iteration ended."""
+    """Outcome of the iteration."""
 
     CONVERGED = "converged"
     NOT_CONVERGED = "not_converged"

@@ -159,7 +159,7 @@ class RedundancyProblem:
 
     @property
     def rates(self) -> ActivationRates:
-        """How activations may change."""
+        """Limits of the activation rates."""
         widest = np.ascontiguousarray(self.widest_activations)
         return ActivationRates(*self.rates_over(self.interval), widest)
 
@@ -374,7 +374,7 @@ class FrameProblem(NamedTuple):
 
 
 class ActivationRates(NamedTuple):
-    """How activations may change from one frame to the next, as compiled code reads it.
+    """Limits of the change of activations from one frame to the next, for compiled code.
 
     rise, fall  (n,) interval between frames over the time constants of activation and deactivation; infinite where the
                 unknown may take any value within its bounds in every frame
@@ -387,7 +387,7 @@ class ActivationRates(NamedTuple):
 
 
 class WarmStart(NamedTuple):
-    """Where the next frame starts: bounds (scenarios, 2, n) lower and upper, multipliers (scenarios, m) as a guess."""
+    """Start of the next frame: bounds (scenarios, 2, n) lower and upper, multipliers (scenarios, m) as a guess."""
 
     bounds: Array
     multipliers: Array

@@ -92,7 +92,7 @@ class Comparison:
 
 @dataclass(frozen=True, eq=False)
 class UncertaintySummary(EqualByFields):
-    """Where the intervals of an assessment are from, and the decision between the arm cuffs.
+    """Sources of the intervals of an assessment, and the decision between the arm cuffs.
 
     people    drawn;  solved: with an effort at the reference rest length of every curve;  every: N-th frame
     unsolved  outcome of the people who are not solved → number, the most frequent first;  infeasible: number of people

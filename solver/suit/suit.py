@@ -43,7 +43,7 @@ class SuitError(SolverError):
 
 @dataclass(frozen=True, eq=False)
 class SuitPoint:
-    """Where the cord meets the suit: location (3,) [m] in a body."""
+    """Attachment point of the cord: location (3,) [m] in a body."""
 
     body: str
     location: Array
@@ -93,7 +93,7 @@ class Suit:
 
     @property
     def line(self) -> tuple[SuitPoint, ...]:
-        """Where the cord meets the suit, in the order of the cord."""
+        """Attachment points, in the order of the cord."""
         return tuple(getattr(self, part) for part in self.parts)
 
 

@@ -60,7 +60,7 @@ from station.checksums import write_checksums, write_whole
 from station.folders import ensure_folder
 from station.messages.assessment_messages import AssessmentCode
 from station.messages.kinematics_messages import SubjectCode
-from station.progress import Progress, part_of, silent
+from station.progress import Progress, silent, with_part
 from station.subject.assessed_subject import compare_cord, cuff_on_cord, subject_document, subject_inputs
 from station.subject.subject_document import SubjectDocument
 from station.subject.subject_file import refuse_subject
@@ -222,7 +222,7 @@ def _assess_other_motion(
     every = math.ceil(len(kinematics.time) / min(most_frames or OTHER_FRAMES, OTHER_FRAMES))
     every = 1 if options.tendons == "elastic" else every
     short, motion = inputs.read_suit(OTHER_REST_LENGTHS), LoadedMotion(loaded, kinematics, options=options)
-    return name, assess(motion, short, worn, every=every, progress=part_of(progress, "other motion"))
+    return name, assess(motion, short, worn, every=every, progress=with_part(progress, "other motion"))
 
 
 def _findings_on_inputs(case: AssessedCase, on_loads: dict[str, str], *, has_people: bool) -> tuple[Finding, ...]:
@@ -269,7 +269,7 @@ def decision_sentences(assessed: AssessedSuit) -> list[str]:
 def write_assessment(assessed: AssessedSuit, folder: Path) -> None:
     """Write assessment.json and, for the figures of the report, activations.csv."""
     folder.mkdir(parents=True, exist_ok=True)
-    text = json.dumps(plain_document(assessment_document(assessed)), indent=2, ensure_ascii=False, allow_nan=False)
+    text = json.dumps(written_document(assessment_document(assessed)), indent=2, ensure_ascii=False, allow_nan=False)
     write_whole(folder / ASSESSMENT_FILE, POINT.sub(r"[\1, \2, \3]", text) + "\n")
     write_whole(folder / ACTIVATIONS_FILE, activations_table(assessed.assessment))
     written = [folder / ASSESSMENT_FILE, folder / ACTIVATIONS_FILE]
@@ -279,7 +279,7 @@ def write_assessment(assessed: AssessedSuit, folder: Path) -> None:
     write_checksums(*written)
 
 
-def plain_document(document: AssessmentDocument) -> dict[str, Any]:
+def written_document(document: AssessmentDocument) -> dict[str, Any]:
     """The document as it is written, without the keys that it does not set."""
     return document.model_dump(mode="json", exclude_unset=True)
 

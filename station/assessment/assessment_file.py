@@ -75,11 +75,11 @@ def _ensure_usable(inputs: dict[str, str]) -> dict[str, str]:
     for option, values in OPTIONS.items():
         if (value := inputs.get(option, values[0])) not in values:
             raise ValueError(f"{option} is {shortened(value)}, expected {' or '.join(values)}")
-    cutoff_of(inputs)
+    read_cutoff(inputs)
     return inputs
 
 
-def cutoff_of(inputs: Mapping[str, str]) -> float | None:
+def read_cutoff(inputs: Mapping[str, str]) -> float | None:
     """The cut-off [Hz] of the low-pass filter of the motion, None for no filter. Raises ValueError."""
     text = inputs.get("cutoff_hz", f"{CUTOFF_HZ:g}")
     with suppress(ValueError):

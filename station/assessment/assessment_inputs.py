@@ -51,7 +51,7 @@ from solver.redundancy.effort import (
 from solver.suit.cord import ensure_possible
 from solver.suit.suit import BUNDLED_SUIT, Suit, SuitError, read_suit
 from station.assessment.assessment_json import MeasuredReductionEntry, NumberEntry
-from station.checksums import changed_files, check_hash, sha256_of
+from station.checksums import changed_files, check_hash, file_sha256
 from station.defaults import CUTOFF_HZ
 from station.errors import StationError
 from station.exit_code import WRONG_USAGE
@@ -120,7 +120,7 @@ class AssessmentInputs:
     @property
     def has_bundled_suit(self) -> bool:
         """Whether the suit is the bundled file or a copy of it."""
-        return sha256_of(self.suit) == sha256_of(BUNDLED_SUIT)
+        return file_sha256(self.suit) == file_sha256(BUNDLED_SUIT)
 
     def read_suit(self, most_rest_lengths: int | None = None) -> Suit:
         """The suit, with at most this number of rest lengths over the same range."""

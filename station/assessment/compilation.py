@@ -19,7 +19,7 @@ from station.progress import COMPILING, Progress
 FIRST_USE = "The solver is compiled, once on this machine; this takes 10 to 15 s on an idle machine."
 
 
-def compilation_beside(context: typer.Context) -> CompilationAhead:
+def compile_in_background(context: typer.Context) -> CompilationAhead:
     """Compilation beside a verb, which on the first use on this machine starts before the other imports of the verb.
 
     They take as long as its own. It ends with the verb. compilation_shown starts it if something is compiled later.

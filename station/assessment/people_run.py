@@ -30,7 +30,7 @@ from station.assessment.case import AssessedCase
 from station.checksums import drafted
 from station.errors import StationError, UnusedOption
 from station.messages.assessment_messages import InputCode
-from station.progress import Progress, part_of, silent
+from station.progress import Progress, silent, with_part
 from station.sources import named_hash
 from station.versions import solver_digest
 
@@ -128,7 +128,7 @@ def assess_people(
     people = DrawnPeople(readouts, sample.seed, run.index_blocks)
     if run.index_blocks:
         scores = group_sample(case.factors, run.index_blocks, sample.seed)
-        solved = run_people(case, scores, run, part_of(progress, "Sobol indices"))
+        solved = run_people(case, scores, run, with_part(progress, "Sobol indices"))
         sampled = mark_infeasible(solved, has_assessed=False)
         people = replace(people, indices=sobol_indices(case.factors, explained_figures(sampled), sample.seed))
     return found, people

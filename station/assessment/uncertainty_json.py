@@ -37,7 +37,7 @@ from station.assessment.assessment_json import (
     finite,
     known,
 )
-from station.checksums import sha256_of
+from station.checksums import file_sha256
 from station.messages.assessment_messages import DecisionCode, InputCode
 from station.study.sessions import StudySession, read_session, read_sessions, refuse_mixed, select_measurements
 
@@ -140,7 +140,7 @@ def _sessions(cuffs: Path, chosen: Sequence[Path]) -> list[StudySession]:
     """That of cuffs.json, which may be written by hand and have no volunteer, then the others."""
     own = read_session(cuffs.parent) if cuffs.name == CUFFS_FILE else None
     if not isinstance(own, StudySession):
-        own = StudySession(cuffs.parent, "", "", "", read_cuffs_document(cuffs), sha256_of(cuffs))
+        own = StudySession(cuffs.parent, "", "", "", read_cuffs_document(cuffs), file_sha256(cuffs))
     others = read_sessions(chosen).sessions if chosen else ()
     sessions = [own, *(session for session in others if session.folder.resolve() != own.folder.resolve())]
     refuse_mixed(sessions)

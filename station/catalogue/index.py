@@ -28,7 +28,7 @@ from documents.regular_file import LARGEST_TABLE, describe_failure, open_regular
 from fitting.cuffs.cuffs_file import CUFFS_FILE, CuffsFileError, read_cuffs_document
 from fitting.cuffs.wearable_cuff import QUANTITIES
 from fitting.results.cuffs_schema import CuffEntry, CuffsDocument, TrialEntry
-from station.checksums import JOURNAL_FILE, Checksums, drafted, list_in_session, sha256_of, write_whole
+from station.checksums import JOURNAL_FILE, Checksums, drafted, file_sha256, list_in_session, write_whole
 from station.errors import StationError
 from station.folders import require_folder
 from station.journal import Journal, JournalError, read_journal
@@ -283,7 +283,7 @@ def read_rows(folder: Path, name: str) -> SessionRows:
         "begun_utc": begun,
         "origin": cuffs.origin.value if cuffs else None,
         "state": (SessionState.FITTED if cuffs else SessionState.NOT_FITTED).value,
-        "cuffs_sha256": sha256_of(path) if cuffs else None,
+        "cuffs_sha256": file_sha256(path) if cuffs else None,
         "stamp": stamp,
     }
     if journal.setup is not None:

@@ -23,7 +23,7 @@ from fitting.emg.shape import ShapeComparison, ShapeOutcome
 from recordings.manifest import DataOrigin
 from solver.time_series_table import write_table
 from station.assessment.assessment_inputs import REDUCTION_COLUMNS
-from station.checksums import drafted, sha256_of, write_checksums, write_whole
+from station.checksums import drafted, file_sha256, write_checksums, write_whole
 from station.emg.comparison import ComparedChange, ComparedEmg, ComparedTrial, pool_trials
 from station.emg.trials import EmgFileError, EmgSetup, EnvelopeSection
 from station.folded_table import FoldedTable
@@ -165,7 +165,7 @@ def write_emg(folder: Path, compared: ComparedEmg, files: Mapping[str, Sequence[
         pooled=pooled,
         changes=[_change(change, compared) for change in compared.changes],
         inputs={
-            f"{role} {i}": f"{path.name} {sha256_of(path)}"
+            f"{role} {i}": f"{path.name} {file_sha256(path)}"
             for role, paths in files.items()
             for i, path in enumerate(paths, start=1)
         },

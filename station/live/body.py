@@ -123,7 +123,7 @@ def live_body(folder: Path, settings: LiveSection, before_utc_ns: int) -> LiveBo
 def live_scenarios(
     folder: Path | None, settings: LiveSection, body: LiveBody
 ) -> tuple[dict[str, StreamScenario], tuple[LiveScenario, ...]]:
-    """What is solved side by side: slack, worn and rigid, further rest lengths of what is worn, another cuff.
+    """Scenarios that are solved together: slack, worn and rigid, further rest lengths of the worn one, another cuff.
 
     folder None leaves out the cuffs of the session. Without fitted cuffs there is no "worn". Raises InputError or
     FitError for cuffs that cannot be worn.

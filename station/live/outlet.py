@@ -196,7 +196,7 @@ def live_row(setup: LiveSetup, values: LiveValues) -> list[float]:
 
 
 def live_path(recording: Path, folder: Path | None = None) -> Path:
-    """Where the live result of a recording is; folder: instead of the session's."""
+    """Path of the live result of a recording; folder: instead of the session's."""
     return (folder or recording.parent / FOLDER) / f"{recording.stem}{SUFFIX}"
 
 

@@ -60,7 +60,7 @@ RETRY_S = 0.5
 
 @dataclass(frozen=True, eq=False)
 class LivePlan:
-    """What is solved. cell is the load cell in the cord, None elsewhere; markers are those of the configuration."""
+    """Body and scenarios that are solved. cell is the load cell in the cord; markers are those of the configuration."""
 
     body: LiveBody
     scenarios: Mapping[str, StreamScenario]

@@ -1,4 +1,4 @@
-"""What the live process publishes: its set-up once, then updates.
+"""Publications of the live process: its set-up once, then updates.
 
 LiveValues depend on the frames alone and are the same in live operation and in replay, to the bit. Delivery (age,
 drops, decimation) depends on the computer. Between processes an update is a line of JSON, in which NaN is null.
@@ -135,7 +135,7 @@ class LiveValues(EqualByFields):
 
 @dataclass(frozen=True)
 class LiveFinding:
-    """What an operator must know now: a code of station/messages/live_messages.py and its sentence."""
+    """A remark for the operator: a code of station/messages/live_messages.py and its sentence."""
 
     code: str
     sentence: str
@@ -143,7 +143,7 @@ class LiveFinding:
 
 @dataclass(frozen=True, eq=False)
 class LiveDelivery(EqualByFields):
-    """How old the values are, and what was left out.
+    """Age of the values, and frames that were left out.
 
     published_s     Unix time of publication
     age_s           age of the values then: lag plus latency, from the arrival of their frame at the station

@@ -107,7 +107,7 @@ def _not_measured(subject: SubjectDocument | None) -> list[str]:
 
 
 def suit_places(assessment: AssessmentDocument) -> Mapping[str, str]:
-    """What waist, shoulder and arm are called in the suit; an assessment of an older station has the bundled names."""
+    """Names of waist, shoulder and arm in the suit; an assessment of an older station has the bundled names."""
     return assessment.suit_names or {part: part for part in PARTS}
 
 

@@ -16,12 +16,12 @@ from documents.plain_data import PlainDataError, read_json
 from fitting.cuffs.cuff_fit import SessionFit
 from fitting.cuffs.cuffs_file import CUFFS_FILE, cuffs_json
 from fitting.results.codes import Standing
-from station.assessment.assessment_file import AssessmentDocument, AssessmentFileError, cutoff_of, read_assessment
+from station.assessment.assessment_file import AssessmentDocument, AssessmentFileError, read_assessment, read_cutoff
 from station.assessment.assessment_inputs import AssessmentInputs, read_cuffs_to_wear
 from station.assessment.assessment_json import ASSESSMENT_FILE
 from station.assessment.budget_file import read_budget
 from station.assessment.people_run import PeopleRun, SourceChoice
-from station.checksums import sha256_of
+from station.checksums import file_sha256
 from station.files.chain import NUMBERS_FILE, Link
 from station.fit import fit_session_folder
 from station.messages.file_messages import NumberCode
@@ -110,7 +110,7 @@ def _links(file: str, computed: Plain, results: Results, what: str) -> Iterator[
 def _assessment_links(
     folder: Path, recorded: AssessmentDocument, fitted: SessionFit | None, progress: Progress
 ) -> Iterator[Link]:
-    from station.assessment.assess import assess_cuffs, assessment_document, plain_document
+    from station.assessment.assess import assess_cuffs, assessment_document, written_document
 
     inputs = _inputs(folder, recorded)
     if inputs is None:
@@ -126,7 +126,7 @@ def _assessment_links(
         update={key: getattr(recorded, key) for key in NOT_COMPUTED & recorded.model_fields_set}
     )
     results = replace(read_results(folder, fitted), assessment=located_assessment(whole))
-    yield from _links(ASSESSMENT_FILE, plain_document(computed), results, "the model")
+    yield from _links(ASSESSMENT_FILE, written_document(computed), results, "the model")
 
 
 def _people(recorded: AssessmentDocument) -> PeopleRun | None:
@@ -145,7 +145,7 @@ def _inputs(folder: Path, recorded: AssessmentDocument) -> AssessmentInputs | No
     is_bundled_budget = named.get("budget", "bundled").startswith("bundled")
     others = {"emg", "external_loads", "beside", "effort", "donnings"} & set(named)
     is_known = is_bundled["suit"] and is_bundled_budget and (has_subject or all(is_bundled.values()))
-    if others or not is_known or not (cuffs.is_file() and named["cuffs"].endswith(sha256_of(cuffs))):
+    if others or not is_known or not (cuffs.is_file() and named["cuffs"].endswith(file_sha256(cuffs))):
         return None
     chosen = tuple(name for name, cuff in recorded.cuffs.items() if cuff.site != "waist")
     options: dict[str, Any] = {key: named[key] for key in ("paths", "tendons") if key in named}
@@ -153,7 +153,7 @@ def _inputs(folder: Path, recorded: AssessmentDocument) -> AssessmentInputs | No
         cuffs,
         chosen=chosen,
         subject=folder if has_subject else None,
-        cutoff_hz=cutoff_of(named),
+        cutoff_hz=read_cutoff(named),
         **options,
     )
 

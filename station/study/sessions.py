@@ -15,7 +15,7 @@ from fitting.results.cuffs_schema import CuffEntry, CuffsDocument, FigureEntry, 
 from fitting.results.sentences import Note, verdict_messages
 from fitting.study.cuff_study import Observation
 from recordings.manifest import DataOrigin
-from station.checksums import JOURNAL_FILE, sha256_of
+from station.checksums import JOURNAL_FILE, file_sha256
 from station.errors import StationError
 from station.folders import require_folder
 from station.journal import JournalError, read_journal
@@ -97,7 +97,7 @@ def read_session(folder: Path) -> StudySession | Message[StudyCode]:
     if journal.setup is None or not journal.setup.subject:
         has_journal = (folder / JOURNAL_FILE).is_file()
         return Message(StudyCode.NO_VOLUNTEER if has_journal else StudyCode.NO_JOURNAL, {"session": str(folder)})
-    return StudySession(folder, journal.setup.subject, journal.setup.operator, journal.begun, cuffs, sha256_of(path))
+    return StudySession(folder, journal.setup.subject, journal.setup.operator, journal.begun, cuffs, file_sha256(path))
 
 
 def select_measurements(

@@ -22,7 +22,7 @@ from documents.plain_data import read_json
 from documents.validation import FiniteSection, refused_as
 from fitting.study.cuff_study import CuffComparison, CuffStudy, FixedEffect, Measure, Observation, analyse, compare
 from recordings.manifest import DataOrigin
-from station.checksums import sha256_of, write_checksums, write_whole
+from station.checksums import file_sha256, write_checksums, write_whole
 from station.cuff_text import SHOWN
 from station.messages.study_messages import StudyCode
 from station.progress import Progress, silent
@@ -203,7 +203,7 @@ def write_normative(study: Path, document: StudyDocument) -> Path:
                     repeats=found.repeats,
                 )
     normative = NormativeDocument(
-        format=NORMATIVE_FORMAT, origin=document.origin, study_sha256=sha256_of(study), cuffs=table
+        format=NORMATIVE_FORMAT, origin=document.origin, study_sha256=file_sha256(study), cuffs=table
     )
     path = study.with_name(NORMATIVE_FILE)
     write_whole(path, json.dumps(normative.model_dump(mode="json"), indent=1, allow_nan=False) + "\n")

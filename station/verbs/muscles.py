@@ -93,9 +93,9 @@ def rmr(
     plot: Annotated[Path | None, typer.Option(help="Figures: one .png, or a folder.")] = None,
 ) -> None:
     """Solve the muscle-redundancy problem of a motion: activations, muscle forces and joint reaction."""
-    from station.assessment.compilation import compilation_beside, compilation_shown
+    from station.assessment.compilation import compilation_shown, compile_in_background
 
-    compilation = compilation_beside(context)
+    compilation = compile_in_background(context)
     from rich.console import Console
 
     from solver.multibody.dynamics import ReactionRequest
@@ -219,9 +219,9 @@ def validate(
     Exit code 1 if a published variant is beyond its limits, or a lift is refused; 3 if a frame has no
     solution or a file was cut.
     """
-    from station.assessment.compilation import compilation_beside, compilation_shown
+    from station.assessment.compilation import compilation_shown, compile_in_background
 
-    compilation = compilation_beside(context)
+    compilation = compile_in_background(context)
     from rich.console import Console
 
     from station.progress import progress_bars

@@ -178,9 +178,9 @@ def assess(
     tendons: Tendons = "rigid",
 ) -> None:
     """Assess the effect of the suit with these cuffs on muscle effort, over its rest length, with intervals."""
-    from station.assessment.compilation import compilation_beside, compilation_shown
+    from station.assessment.compilation import compilation_shown, compile_in_background
 
-    compilation = compilation_beside(context)
+    compilation = compile_in_background(context)
     from rich.console import Console
 
     from solver.suit.suit import BUNDLED_SUIT
@@ -243,9 +243,9 @@ def optimise(
     draws: Draws = 50,
 ) -> None:
     """Find the rest length, and on request the stiffness and points of the cord, with the least muscle effort."""
-    from station.assessment.compilation import compilation_beside, compilation_shown
+    from station.assessment.compilation import compilation_shown, compile_in_background
 
-    compilation = compilation_beside(context)
+    compilation = compile_in_background(context)
     from rich.console import Console
 
     from solver.suit.optimise import SearchOutcome

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from benchmarks.mutants import mutations_of
+from benchmarks.mutants import list_mutations
 
 pytest.importorskip("resource", reason="the mutator forks, which Windows does not")
 
@@ -29,7 +29,7 @@ class Limit:
 
 
 def test_every_operator_comparison_condition_constant_and_returned_value_is_changed_once() -> None:
-    assert [mutation.change for mutation in mutations_of(SOURCE)] == [
+    assert [mutation.change for mutation in list_mutations(SOURCE)] == [
         "0.5 → 0.75",
         "unit == 'N' and force > self.most → not (unit == 'N' and force > self.most)",
         "unit == 'N' and force > self.most → unit == 'N' or force > self.most",
@@ -54,7 +54,7 @@ def test_every_operator_comparison_condition_constant_and_returned_value_is_chan
 
 
 def test_a_mutation_runs_as_the_changed_source_and_equal_ones_of_a_line_are_numbered() -> None:
-    first, second = mutations_of("found = [1, 1]\n")
+    first, second = list_mutations("found = [1, 1]\n")
     assert (first.key, second.key) == (("found = [1, 1]", "1 → 2"), ("found = [1, 1]", "1 → 2 (2)"))
     values: list[dict[str, object]] = [{}, {}]
     for mutation, value in zip((first, second), values, strict=True):
@@ -65,7 +65,7 @@ def test_a_mutation_runs_as_the_changed_source_and_equal_ones_of_a_line_are_numb
 @pytest.mark.parametrize("module", harmless_mutations())
 def test_every_harmless_mutation_is_one_of_its_module(module: str) -> None:
     source = (ROOT / f"{module.replace('.', '/')}.py").read_text()
-    assert harmless_mutations()[module].keys() <= {mutation.key for mutation in mutations_of(source)}
+    assert harmless_mutations()[module].keys() <= {mutation.key for mutation in list_mutations(source)}
 
 
 def test_every_module_has_tests() -> None:

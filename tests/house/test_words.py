@@ -101,6 +101,17 @@ def test_no_value_is_named_by_an_empty_noun(folder: str) -> None:
     assert {file: names for file, names in empty.items() if names} == {}
 
 
+def test_no_function_is_named_plain_or_of_in_place_of_a_verb_or_its_result() -> None:
+    named = re.compile(r"^ *(?:async )?def (_?plain_\w+|\w+_of)\(", re.M)
+    assert {name_of(path): names for path in SOURCES if (names := named.findall(text_of(path)))} == {}
+
+
+def test_no_definition_is_a_relative_clause() -> None:
+    """A docstring begins with the noun of what it defines, or the verb of what it does."""
+    clause = re.compile(r'^ *(?:r?""")(?:What|Who|Whatever)\b.*', re.M)
+    assert {name_of(path): texts for path in SOURCES if (texts := clause.findall(text_of(path)))} == {}
+
+
 def _is_a_value(old: str, path: Path) -> bool:
     return re.search(rf"[\"']{old}[\"']", text_of(path)) is not None
 

@@ -34,7 +34,7 @@ from station.assessment.assessment_inputs import (
 )
 from station.assessment.optimum import optimise_file
 from station.assessment.uncertainty_json import decision_entry, percent, without_decision
-from station.checksums import sha256_of
+from station.checksums import file_sha256
 from station.exit_code import WRONG_USAGE
 from station.folders import NotAFolder
 from station.messages.assessment_messages import AssessmentCode, AssessmentFileCode, DecisionCode, InputCode
@@ -294,7 +294,7 @@ def test_a_suit_has_its_rest_lengths_and_a_copy_of_the_bundled_one_its_name(tmp_
     inputs = AssessmentInputs(tmp_path / "cuffs.json", suit=copy)
     assert inputs.hashes()["suit"] == "bundled suit"
     copy.write_text(copy.read_text(encoding="utf-8") + "# ours\n", encoding="utf-8")
-    assert inputs.hashes()["suit"] == f"mine.toml {sha256_of(copy)}"
+    assert inputs.hashes()["suit"] == f"mine.toml {file_sha256(copy)}"
 
 
 @pytest.mark.parametrize(

@@ -14,7 +14,7 @@ import typer
 
 from solver import compiled
 from solver.compile_ahead import KERNELS
-from station.assessment.compilation import FIRST_USE, CompilationAhead, compilation_beside, compilation_shown
+from station.assessment.compilation import FIRST_USE, CompilationAhead, compilation_shown, compile_in_background
 from station.child import Child
 from station.progress import silent
 from tests.station.children import start
@@ -94,7 +94,7 @@ def test_on_the_first_use_a_process_per_share_starts_once(tmp_path, monkeypatch,
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
     monkeypatch.setattr("os.cpu_count", lambda: processors)
     with typer.Context(COMMAND) as context:
-        beside = compilation_beside(context)
+        beside = compile_in_background(context)
         assert [child.args[-1] for child in started] == shares
         beside.ensure_started()
         assert len(started) == len(shares)
@@ -109,7 +109,7 @@ def test_compilation_in_this_process_is_a_stage_with_one_message(tmp_path, monke
     shown: Shown = []
     with (
         typer.Context(COMMAND) as context,
-        compilation_shown(lambda *count: shown.append(count), compilation_beside(context)),
+        compilation_shown(lambda *count: shown.append(count), compile_in_background(context)),
     ):
         assert not started
         assert capsys.readouterr().err == ""

@@ -13,7 +13,7 @@ import pytest
 
 from station.assessment.assess import assess_cuffs, write_assessment
 from station.assessment.assessment_inputs import AssessmentInputs
-from station.checksums import Checksums, sha256_of
+from station.checksums import Checksums, file_sha256
 from station.extras import MissingExtra, with_extras
 from station.fit import fit_session_folder
 from station.messages.setup_messages import ConfigCode, FolderCode
@@ -47,7 +47,7 @@ def test_a_page_is_printed_on_a4_and_its_hash_is_kept(tmp_path: Path) -> None:
     assert len(sheets) == 2, "the first page stands alone"
     for width, height in sheets:
         assert (float(width), float(height)) == pytest.approx((210 * POINTS_PER_MM, 297 * POINTS_PER_MM), abs=1.0)
-    assert Checksums(tmp_path).sums == {"report.pdf": sha256_of(written)}
+    assert Checksums(tmp_path).sums == {"report.pdf": file_sha256(written)}
 
 
 @pytest.mark.slow

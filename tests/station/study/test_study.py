@@ -18,7 +18,7 @@ from fitting.results.cuffs_schema import FigureEntry, NoteEntry
 from fitting.study.cuff_study import ComparisonOutcome, ReliabilityOutcome, StudyOutcome
 from fitting.study.variance_components import ComponentOutcome
 from station.charts.marks import Strip
-from station.checksums import sha256_of
+from station.checksums import file_sha256
 from station.config import load_config
 from station.messages.setup_messages import FolderCode
 from station.messages.study_messages import PlanCode, StudyCode
@@ -84,7 +84,7 @@ def test_the_verb_writes_study_table_and_page(folder: Path, tmp_path: Path, stat
     written = StudyDocument.model_validate_json((tmp_path / "study.json").read_bytes())
     normative = read_normative(tmp_path / "normative.json")
     entry, found = normative.cuffs["hand"]["stiffness"], written.cuffs["hand"]["stiffness"]
-    assert normative.study_sha256 == sha256_of(tmp_path / "study.json")
+    assert normative.study_sha256 == file_sha256(tmp_path / "study.json")
     assert entry.prediction95 == found.prediction.ci95
     assert [entry.place(value) for value in (entry.prediction95[0] - 1, entry.mean, entry.prediction95[1] + 1)] == [
         *NormativePlace
