@@ -215,7 +215,7 @@ def motion_entries(assessment: Assessment) -> dict[str, Any]:
         return nested
 
     return {
-        "reference_rest_length_m": known(assessment.reference_rest_length),
+        "reference_rest_length_m": exact_number(assessment.reference_rest_length),
         "at_rigid_optimum": by_curve(lambda curve: number(curve.figures["at_reference"])),
         "optimum": by_curve(_optimum),
         **{key: by_curve(lambda curve, name=name: number(curve.figures[name])) for name, key in CURVE_KEYS.items()},  # type: ignore[misc]
@@ -244,7 +244,7 @@ def motion_entries(assessment: Assessment) -> dict[str, Any]:
     }
 
 
-def known(value: float) -> KnownNumberEntry:
+def exact_number(value: float) -> KnownNumberEntry:
     """A number without an interval."""
     return KnownNumberEntry(value=value, ci95=None)
 

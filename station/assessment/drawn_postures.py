@@ -12,7 +12,7 @@ from solver.model import Array, Model
 from solver.motion import Kinematics
 from solver.multibody.postures import Postures, points_in_ground, postures
 from solver.suit.suit import PARTS, Suit, SuitPoint
-from station.assessment.assessment_json import KnownNumberEntry, StrictEntry, known
+from station.assessment.assessment_json import KnownNumberEntry, StrictEntry, exact_number
 
 RING_POINTS = 24
 DECIMALS = 3
@@ -66,9 +66,9 @@ def drawn_postures(model: Model, kinematics: Kinematics, suit: Suit, times: Arra
     rings = {part: _ring(model, state, getattr(suit, part)) for part in ("waist", "arm") if part in worn}
     return [
         PostureEntry(
-            time_s=known(float(times[frame])),
-            elevation_deg=known(float(np.degrees(elevation[frame]))),
-            cord_length_m=known(float(length[frame])),
+            time_s=exact_number(float(times[frame])),
+            elevation_deg=exact_number(float(np.degrees(elevation[frame]))),
+            cord_length_m=exact_number(float(length[frame])),
             chosen_by="elevation" if is_arm else "cord_length",
             bones=[
                 BoneEntry(kind=bone.kind, line_m=_line(line[shown])) for bone, line in zip(bones, lines, strict=True)

@@ -22,7 +22,7 @@ from station.assessment.assessment_inputs import (
     one_arm_cuff,
     read_cuffs_to_wear,
 )
-from station.assessment.assessment_json import CountEntry, KnownNumberEntry, StrictEntry, count, known
+from station.assessment.assessment_json import CountEntry, KnownNumberEntry, StrictEntry, count, exact_number
 from station.assessment.given_motion import load_checks, motion_checks, motion_findings
 from station.checksums import write_checksums, write_whole
 from station.folders import ensure_folder
@@ -132,10 +132,10 @@ def _write_suit(path: Path, tried: SuitCandidate, description: str) -> None:
 def _entry(tried: SuitCandidate) -> CandidateEntry:
     suit = tried.suit
     entry: dict[str, object] = {
-        "rest_length_m": known(suit.reference_rest_length),
-        "stiffness_n_per_m": known(suit.stiffness),
+        "rest_length_m": exact_number(suit.reference_rest_length),
+        "stiffness_n_per_m": exact_number(suit.stiffness),
         **{f"{part}_point_m": _point(suit, part) for part in PARTS if part != "shoulder" or not suit.is_straight},
-        "normalised_cost": known(tried.cost),
+        "normalised_cost": exact_number(tried.cost),
         "at_limit": list(tried.at_limit),
         "outcome": tried.outcome,
     }
@@ -146,4 +146,4 @@ def _entry(tried: SuitCandidate) -> CandidateEntry:
 
 
 def _point(suit: Suit, part: str) -> list[KnownNumberEntry]:
-    return [known(float(x)) for x in getattr(suit, part).location]
+    return [exact_number(float(x)) for x in getattr(suit, part).location]

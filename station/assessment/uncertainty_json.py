@@ -34,8 +34,8 @@ from station.assessment.assessment_json import (
     Real,
     StrictEntry,
     count,
+    exact_number,
     finite,
-    known,
 )
 from station.checksums import file_sha256
 from station.messages.assessment_messages import DecisionCode, InputCode
@@ -228,7 +228,7 @@ def _indices(figure: str, cuffs: tuple[str, ...], found: SobolIndices) -> Indice
     return IndicesEntry(
         figure=figure,
         cuffs=list(cuffs),
-        variance=known(found.variance),
+        variance=exact_number(found.variance),
         blocks=count(found.blocks),
         groups={
             group: GroupIndexEntry(first=index(first, first_half), total=index(total, total_half))
@@ -349,8 +349,8 @@ def _decision(
     return DecisionEntry(
         contains=contains,
         people=count(people),
-        relevant_difference=known(rule.relevant_difference),
-        certainty=known(rule.certainty),
+        relevant_difference=exact_number(rule.relevant_difference),
+        certainty=exact_number(rule.certainty),
         at_reference=at_reference,
         at_best=at_best,
     )
@@ -374,9 +374,9 @@ def _pair(pair: PairProbability) -> PairEntry:
     return PairEntry(
         cuffs=list(pair.cuffs),
         difference=KnownNumberEntry(value=pair.difference, ci95=list(pair.ci95)),
-        first_saves_more=known(pair.first_saves_more),
-        second_saves_more=known(pair.second_saves_more),
-        equivalent=known(pair.equivalent),
+        first_saves_more=exact_number(pair.first_saves_more),
+        second_saves_more=exact_number(pair.second_saves_more),
+        equivalent=exact_number(pair.equivalent),
     )
 
 
