@@ -31,7 +31,7 @@ from documents.message import Figures, Message, because
 from station.bench.session_folder import SIMULATED_FOLDER
 from station.bench.simulation import SimulatedBench, clock_port, practice_settings
 from station.child import ProcessLink, exit_with_parent
-from station.config import StationConfig, parse_config
+from station.config import StationConfig
 from station.console.live_feed import LiveFeed
 from station.console.live_view import PATH as LIVE_PATH
 from station.console.live_view import show_live_page
@@ -200,10 +200,9 @@ def _is_no_cancellation(record: logging.LogRecord) -> bool:
 
 def _practice_config(config: StationConfig) -> StationConfig:
     """The station starts and stops the simulated captures; sessions go to the folder for simulated data."""
-    data = config.model_dump(mode="json")
-    data["mocap"]["control"] = "start"
-    data["session"]["folder"] = str(config.session.folder / SIMULATED_FOLDER)
-    return parse_config(data, "the simulated bench")
+    mocap = config.mocap.model_copy(update={"control": "start"})
+    session = config.session.model_copy(update={"folder": config.session.folder / SIMULATED_FOLDER})
+    return config.model_copy(update={"mocap": mocap, "session": session})
 
 
 async def answer_beat() -> dict[str, Any]:

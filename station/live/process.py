@@ -26,7 +26,6 @@ from solver.inverse_kinematics.solve import assemble
 from solver.multibody.postures import points_in_ground, postures
 from solver.stream.stream_solver import StreamSolver
 from station.child import ProcessLink
-from station.config import parse_config
 from station.live.engine import LiveEngine, LiveSink, Publish
 from station.live.outlet import LslOutlet, ResultFile
 from station.live.pipeline import LivePlan, PreparedTrial, prepare_trial
@@ -48,7 +47,7 @@ def main(recorder: ProcessLink) -> None:
         return
     request, inbox = REQUEST.validate_json(first), FedMessages()
     threading.Thread(target=inbox.fill, args=(iter(recorder.receive_bytes, None),), name="feed", daemon=True).start()
-    config, folder = parse_config(request.config, "the recorder"), Path(request.folder)
+    config, folder = request.config, request.folder
     prepared = prepare_trial(config, folder, request.spec, request.before_utc_ns)
     warm_up(prepared.plan)
     with ExitStack() as stack:

@@ -71,10 +71,10 @@ def decode(data: bytes) -> FedMessage:
 
 @dataclass(frozen=True)
 class LiveRequest:
-    """config as in station.toml; before_utc_ns: only trials that began earlier give the body of the wearer."""
+    """The first message. before_utc_ns: only trials that began earlier give the body of the wearer."""
 
-    config: dict[str, Any]
-    folder: str
+    config: StationConfig
+    folder: Path
     spec: TrialSpec
     before_utc_ns: int
 
@@ -86,8 +86,7 @@ def live_views(config: StationConfig, folder: Path, spec: TrialSpec, clock: Cloc
     """The tap of a trial with markers on the wearer, if [live] is enabled; else none."""
     if not config.live.enabled or spec.test not in BODY_TESTS:
         return []
-    request = LiveRequest(config.model_dump(mode="json"), str(folder.resolve()), spec, clock.wall_utc_ns())
-    return [LiveTap(request)]
+    return [LiveTap(LiveRequest(config, folder.resolve(), spec, clock.wall_utc_ns()))]
 
 
 def _start_process() -> Child:

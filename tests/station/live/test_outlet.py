@@ -64,7 +64,7 @@ def test_a_trial_from_the_tap_to_view_and_file(wearer: WearerSession, tmp_path: 
     """Frames come faster than they are solved, so that some are left out: all of them are accounted for."""
     recording = Path(shutil.copy(wearer.path(TIGHT), tmp_path))
     data = wearer.config.model_dump(mode="json") | {"live": {"enabled": True}}
-    request = LiveRequest(parse_config(data, "test").model_dump(mode="json"), str(tmp_path), TIGHT, 0)
+    request = LiveRequest(parse_config(data, "test"), tmp_path, TIGHT, 0)
     part = part_of(wearer, FED_FRAMES)
     pause = Event()
     with LiveTap(request) as tap:

@@ -20,7 +20,7 @@ from station.bench.trial_recorder import TrialRecorder
 from station.bench.view import Snapshot, TrialState
 from station.child import Child
 from station.clock import ManualClock
-from station.config import parse_config
+from station.config import StationConfig, parse_config
 from station.live import tap as tap_module
 from station.live.tap import BACKLOG, LiveRequest, LiveTap, live_views
 from station.messages.bench_messages import TrialCode
@@ -30,7 +30,7 @@ from tests.station.live.trials import TIGHT
 from tests.station.wearer import wearer_config
 
 POSE = TrialSpec(None, "pose", 1)
-REQUEST = LiveRequest({}, "", POSE, 0)
+REQUEST = LiveRequest(StationConfig(), Path(), POSE, 0)
 
 
 def frame(number: int) -> Samples:
