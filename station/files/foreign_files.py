@@ -9,6 +9,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import combinations
 from pathlib import Path
 from typing import Literal
 
@@ -45,8 +46,10 @@ units. A quantity divided by its unit (F/kN) is ISO 80000-1's form for the title
 """
 SLOWEST_FORCE_HZ, FASTEST_FORCE_HZ = 5.0, 100_000.0
 SLOWEST_FRAMES_HZ, FASTEST_FRAMES_HZ = 5.0, 2_000.0
-NARROWEST_MM, WIDEST_MM = 10.0, 20_000.0
-"""Plausible distances of markers on a body and on the rope; another unit is outside of this range."""
+NARROWEST_MM, WIDEST_MM, CLOSEST_MM = 50.0, 20_000.0, 10.0
+"""Plausible sizes of a set of markers on a body and on the rope, and distance of two markers that cameras distinguish:
+another unit than that of the title is outside of this range. A unit that the operator gives is believed.
+"""
 LARGEST_FORCE, FARTHEST_MM = 1e6, 1e6
 """Beyond any load cell, in V, N or lbs, and any laboratory: the mark of a missing value, or damage."""
 
@@ -149,7 +152,7 @@ def read_markers(source: MarkerSource, needed: Sequence[str]) -> MarkerTable:
     if absent:
         raise ImportRefused(_missing(ImportCode.MARKERS_MISSING, source.path, absent, table.labels))
     _require_rate(table.time_s, SLOWEST_FRAMES_HZ, FASTEST_FRAMES_HZ, f"times in {source.path}")
-    _require_size(table, source.path)
+    _require_size(table, needed, source)
     for i, label in enumerate(table.labels):
         _require_possible(table.time_s, table.positions[:, i], FARTHEST_MM, f"{source.path}, {label} [mm],")
     return table
@@ -221,12 +224,25 @@ def _require_possible(time: NDArray[np.float64], values: NDArray[np.float64], mo
         raise ImportRefused(Message(ImportCode.IMPOSSIBLE_VALUE, figures))
 
 
-def _require_size(table: MarkerTable, path: Path) -> None:
-    """Raise ImportRefused for distances of the markers that are too short for a body or too long for a laboratory."""
-    seen = [table.positions[~missing, i] for i, missing in enumerate(table.missing.T) if not missing.all()]
-    if not seen:
-        raise ImportRefused(Message(ImportCode.NOTHING_VISIBLE, {"path": str(path)}))
-    size = float(np.max(np.ptp([np.median(positions, axis=0) for positions in seen], axis=0)))
-    if len(seen) > 1 and not NARROWEST_MM <= size <= WIDEST_MM:
-        figures: Figures = {"path": str(path), "size_mm": size, "least_mm": NARROWEST_MM, "most_mm": WIDEST_MM}
+def _require_size(table: MarkerTable, needed: Sequence[str], source: MarkerSource) -> None:
+    """Raise ImportRefused for distances of the needed markers too short for a body, or too long for a laboratory."""
+    if table.missing.all():
+        raise ImportRefused(Message(ImportCode.NOTHING_VISIBLE, {"path": str(source.path)}))
+    seen = {
+        label: np.median(table.positions[~missing, i], axis=0)
+        for i, (label, missing) in enumerate(zip(table.labels, table.missing.T, strict=True))
+        if label in needed and not missing.all()
+    }
+    if len(seen) < 2:
+        return
+    size, least = float(np.max(np.ptp(list(seen.values()), axis=0))), NARROWEST_MM
+    pairs = {pair: float(np.linalg.norm(seen[pair[0]] - seen[pair[1]])) for pair in combinations(seen, 2)}
+    (one, other), closest = min(pairs.items(), key=lambda pair: pair[1])
+    if source.unit is not None:
+        least = closest = CLOSEST_MM
+    figures: Figures = {"path": str(source.path), "size_mm": size, "least_mm": least, "most_mm": WIDEST_MM}
+    if not least <= size <= WIDEST_MM:
         raise ImportRefused(Message(ImportCode.MARKER_DISTANCE, figures))
+    if closest < CLOSEST_MM:
+        figures = {**figures, "one": one, "other": other, "distance_mm": closest, "least_mm": CLOSEST_MM}
+        raise ImportRefused(Message(ImportCode.MARKERS_CLOSE, figures))

@@ -426,10 +426,17 @@ def test_the_time_in_common_is_that_after_the_lag(truth: Truth, static: Files, t
     assert note.figures["common_s"] == pytest.approx(end - 2, abs=3e-3)
 
 
-def test_positions_in_metres_are_refused(station, truth: Truth, static: Files, tmp_path: Path) -> None:
-    metres = replace(truth.markers, positions=truth.markers.positions / 1000)
-    static[1].write_text(write_qtm_tsv(metres))
-    assert_refused(import_by_verb(station, static, tmp_path / "s"), 1, ImportCode.MARKER_DISTANCE)
+def test_positions_in_another_unit_are_refused(station, truth: Truth, static: Files, tmp_path: Path) -> None:
+    for factor, apart, code in (
+        (10, 0.0, ImportCode.MARKER_DISTANCE),  # cm
+        (25.4, 50.0, ImportCode.MARKERS_CLOSE),  # inches, one marker far away
+        (1000, 0.0, ImportCode.MARKER_DISTANCE),  # m
+    ):
+        positions = truth.markers.positions / factor
+        positions[:, -1] += apart
+        static[1].write_text(write_qtm_tsv(replace(truth.markers, positions=positions)))
+        assert_refused(import_by_verb(station, static, tmp_path / "s"), 1, code)
+    static[1].write_text(write_qtm_tsv(replace(truth.markers, positions=truth.markers.positions / 1000)))
     ran = import_by_verb(station, static, tmp_path / "s", "--mocap-unit", "m")
     assert ran.code == 0
     reference = run(tmp_path / "r", static[0], truth.write_markers(tmp_path / "mm.tsv")).path
