@@ -183,7 +183,7 @@ class KinematicsCode(Code):
     UNUSED_ELEMENTS = "setup.unused_elements", "{file} has elements that are not used: {elements}"
     NOT_IN_MODEL = (
         "setup.not_in_model",
-        "{names}: {file} names them, and the model or the markers' file does not have them; they are not used",
+        "{file} names {names}, absent from the model or from the markers' file, and not used",
     )
     FILE_ELSEWHERE = (
         "setup.file_elsewhere",
