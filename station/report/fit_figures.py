@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 import scipy
 
-from documents.interval import plus_minus
+from documents.interval import UNBROKEN, plus_minus
 from fitting.cuffs.cuff_fit import CuffFit, TrialFit
 from fitting.cuffs.wearable_cuff import QUANTITIES
 from fitting.diagnosis.identification import FittedPull
@@ -182,7 +182,7 @@ def _tangents(fit: CuffFit, tangents: Sequence[tuple[float, Estimate]]) -> Panel
     force = values([load for load, _ in tangents])
     low, high = values([stiffness.ci95 for _, stiffness in tangents]).T
     marks: list[Mark] = [
-        Band(force, low, high, FORCE, "its 95 % interval"),
+        Band(force, low, high, FORCE, f"its 95{UNBROKEN}% interval"),
         Line(force, values([stiffness.value for _, stiffness in tangents]), FORCE, "exponential law, tangent"),
     ]
     if fit.stiffness is not None:

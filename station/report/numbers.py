@@ -34,6 +34,8 @@ UNITS |= {"n_per_m": "N/m", "n_s_per_m": "N s/m", "n_per_s": "N/s", "per_m": "1/
 """Suffix of a key → unit of its value."""
 _BOUND_OF_SAVING = {"low": "high", "high": "low"}
 """A bound of an effort is the other bound of what is saved."""
+_PERCENT = re.compile(r"(?<=\d) (?=%)")
+"""The blank between a number and its sign, at which no line ends."""
 _SENTENCE = re.compile(r"(?=.*\d)(?=.*\s)", re.DOTALL)
 """A text with a number and a space; without a space it is a name or a hash."""
 Entry = BaseModel
@@ -247,6 +249,10 @@ def _percent(entry: NumberEntry, effort: float, sign: float) -> str:
     return bracketed(sign * (effort - 1.0), changes, 100.0, 1, bound, is_limited=True)
 
 
+def _unbroken(text: str) -> str:
+    return _PERCENT.sub(UNBROKEN, text)
+
+
 def _minus(text: str) -> str:
     return text.replace("-", "−")
 
@@ -268,7 +274,8 @@ class NumberRegister:
         if is_sentence or isinstance(shown, LocatedFloat | LocatedInteger):
             shown = plain(shown)
         if not isinstance(shown, Number):
-            return shown
+            return _unbroken(shown) if isinstance(shown, str) and not isinstance(shown, Markup) else shown
+        shown = replace(shown, text=_unbroken(shown.text))
         key = self._new_id(shown.source)
         entry = self.numbers[key] = self._entry(shown)
         value = "" if entry.mark[1] is None else Markup(' value="{}"').format(entry.mark[1])
@@ -282,7 +289,7 @@ class NumberRegister:
         for number, picture in enumerate(pictures, start=1):
             key, digest = f"figure.{section}.{number}".replace(" ", "."), sha256(picture.drawing.encode()).hexdigest()
             self.figures[key] = DrawnFigure(
-                caption=picture.caption, sha256=digest, sources=list(sources), recordings=behind
+                caption=_unbroken(picture.caption), sha256=digest, sources=list(sources), recordings=behind
             )
             marked.append(replace(picture, drawing=f'<div id="{key}">{picture.drawing}</div><!-- {key} -->'))
         return marked

@@ -6,7 +6,7 @@ import json
 import re
 from dataclasses import replace
 from functools import cache
-from html import escape
+from html import escape, unescape
 from pathlib import Path
 from typing import Any
 
@@ -113,6 +113,10 @@ def test_a_note_that_all_cuffs_have_is_shown_once(tmp_path: Path) -> None:
     hand = replace(waist, name="hand", notes=(*waist.notes, own))
     page = write_report(tmp_path, replace(fitted, donnings={"waist": {"1": waist}, "hand": {"1": hand}}))
     text = page.read_text(encoding="utf-8")
+    read = re.sub(r"<svg.*?</svg>|<style.*?</style>|<[^>]*>", "", text, flags=re.DOTALL)
+    breaking = re.findall(r".{20}\d %.{20}", read)
+    assert "95\u00a0%" in unescape(read) and breaking == [], "no line ends before a percent sign"
+    text = text.replace("\u00a0", " ")
     assert waist.notes and [text.count(escape(str(note))) for note in hand.notes] == [1] * len(hand.notes)
 
 
