@@ -212,22 +212,6 @@ def read_function_element(element: Element) -> Function:
     return _READERS[element.tag](element)
 
 
-def _constant(element: Element) -> Function:
-    return polynomial([element.number("value", "0")])
-
-
-def _line(element: Element) -> Function:
-    return polynomial(element.numbers("coefficients", 2, "1 0")[::-1])
-
-
-def _polynomial(element: Element) -> Function:
-    return polynomial(element.series("coefficients")[::-1])
-
-
-def _multiple(element: Element) -> Function:
-    return scaled(read_function(element.child("function")), element.number("scale", "1"))
-
-
 def _sine(element: Element) -> Function:
     defaults = {"amplitude": "1", "omega": "1", "phase": "0", "offset": "0"}
     return Sine(*(element.number(tag, default) for tag, default in defaults.items()))
@@ -273,14 +257,16 @@ def _points(element: Element, fewest: int = 2, *, may_repeat: bool = False) -> t
 
 _WITHOUT_CURVATURE = ("ExpressionBasedFunction", "MultivariatePolynomialFunction")
 _READERS: dict[str, Callable[[Element], Function]] = {
-    "Constant": _constant,
-    "LinearFunction": _line,
-    "PolynomialFunction": _polynomial,
+    "Constant": lambda element: polynomial([element.number("value", "0")]),
+    "LinearFunction": lambda element: polynomial(element.numbers("coefficients", 2, "1 0")[::-1]),
+    "PolynomialFunction": lambda element: polynomial(element.series("coefficients")[::-1]),
     "SimmSpline": _simm_spline,
     "PiecewiseLinearFunction": lambda element: piecewise_linear(*_points(element)),
     "PiecewiseConstantFunction": lambda element: piecewise_constant(*_points(element)),
     "GCVSpline": _natural_spline,
     "StepFunction": _step,
     "Sine": _sine,
-    "MultiplierFunction": _multiple,
+    "MultiplierFunction": lambda element: scaled(
+        read_function(element.child("function")), element.number("scale", "1")
+    ),
 }
