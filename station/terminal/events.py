@@ -29,7 +29,14 @@ STATUS_INTERVAL_S = 1.0
 
 
 @dataclass(frozen=True)
-class SessionOpened:
+class Event:
+    """What happened; event is its kind for programs."""
+
+    event: ClassVar[str]
+
+
+@dataclass(frozen=True)
+class SessionOpened(Event):
     """Of all trials of the plan, done are accepted and skipped are not recorded."""
 
     event: ClassVar[str] = "session_opened"
@@ -43,7 +50,7 @@ class SessionOpened:
 
 
 @dataclass(frozen=True)
-class NextTrial:
+class NextTrial(Event):
     """number counts from 1 in the plan; order is the preparation at the bench; minutes_left is of the session."""
 
     event: ClassVar[str] = "next_trial"
@@ -59,7 +66,7 @@ class NextTrial:
 
 
 @dataclass(frozen=True)
-class StateChanged:
+class StateChanged(Event):
     """state as in the recorder: idle (opening the devices), armed, recording, closing, closed, failed.
 
     problems: reasons why a trial that is being recorded will not be accepted; "" if there are none.
@@ -73,7 +80,7 @@ class StateChanged:
 
 
 @dataclass(frozen=True)
-class CueChanged:
+class CueChanged(Event):
     """The instruction to the operator; step of steps are done."""
 
     event: ClassVar[str] = "cue"
@@ -85,7 +92,7 @@ class CueChanged:
 
 
 @dataclass(frozen=True)
-class Status:
+class Status(Event):
     """Once a second while a trial runs."""
 
     event: ClassVar[str] = "status"
@@ -101,7 +108,7 @@ class Status:
 
 
 @dataclass(frozen=True)
-class WarningRaised:
+class WarningRaised(Event):
     """A problem; the session continues.
 
     alarm            the force exceeded a limit: unload the rope
@@ -123,7 +130,7 @@ class WarningRaised:
 
 
 @dataclass(frozen=True)
-class TrialEnded:
+class TrialEnded(Event):
     event: ClassVar[str] = "trial_ended"
     file: str
     accepted: bool
@@ -133,7 +140,7 @@ class TrialEnded:
 
 
 @dataclass(frozen=True)
-class VerdictGiven:
+class VerdictGiven(Event):
     """The figures of one recording with their 95 % intervals, and the advice that follows from the reasons.
 
     doubts: results of the donning that are not identified; grade is good, doubtful or bad.
@@ -170,7 +177,7 @@ class VerdictGiven:
 
 
 @dataclass(frozen=True)
-class Decided:
+class Decided(Event):
     """by: station if there is no reason to redo the recording; operator here, or elsewhere."""
 
     event: ClassVar[str] = "decided"
@@ -182,7 +189,7 @@ class Decided:
 
 
 @dataclass(frozen=True)
-class TrialSkipped:
+class TrialSkipped(Event):
     event: ClassVar[str] = "skipped"
     cuff: str | None
     test: str
@@ -191,7 +198,7 @@ class TrialSkipped:
 
 
 @dataclass(frozen=True)
-class PlannedTrial:
+class PlannedTrial(Event):
     """number counts from 1 in the plan, and is that of the commands."""
 
     number: int
@@ -216,7 +223,7 @@ class PlanListed:
 
 
 @dataclass(frozen=True)
-class Waiting:
+class Waiting(Event):
     """The session waits for one of these commands."""
 
     event: ClassVar[str] = "waiting"
@@ -226,7 +233,7 @@ class Waiting:
 
 
 @dataclass(frozen=True)
-class CommandAnswered:
+class CommandAnswered(Event):
     """Answer to a command: its effect, or the reason of the refusal with its code."""
 
     event: ClassVar[str] = "answer"
@@ -236,13 +243,13 @@ class CommandAnswered:
 
 
 @dataclass(frozen=True)
-class SummaryStarted:
+class SummaryStarted(Event):
     event: ClassVar[str] = "summing_up"
     sentence: str
 
 
 @dataclass(frozen=True)
-class SummaryProgressed:
+class SummaryProgressed(Event):
     """A stage of the summary has begun, of so many steps."""
 
     event: ClassVar[str] = "summing_up_stage"
@@ -251,7 +258,7 @@ class SummaryProgressed:
 
 
 @dataclass(frozen=True)
-class SummaryFinished:
+class SummaryFinished(Event):
     """cuffs: one row per cuff, heading → text; findings of the assessment in sentences."""
 
     event: ClassVar[str] = "summed_up"
@@ -261,34 +268,13 @@ class SummaryFinished:
 
 
 @dataclass(frozen=True)
-class SessionClosed:
+class SessionClosed(Event):
     event: ClassVar[str] = "session_closed"
     trials: int
     done: int
     skipped: int
     is_complete: bool
     sentence: str
-
-
-Event = (
-    SessionOpened
-    | NextTrial
-    | StateChanged
-    | CueChanged
-    | Status
-    | WarningRaised
-    | TrialEnded
-    | VerdictGiven
-    | Decided
-    | TrialSkipped
-    | PlanListed
-    | Waiting
-    | CommandAnswered
-    | SummaryStarted
-    | SummaryProgressed
-    | SummaryFinished
-    | SessionClosed
-)
 
 
 class TrialMonitor:
