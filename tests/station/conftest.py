@@ -9,6 +9,8 @@ from pathlib import Path
 import pytest
 
 from drivers.errors import DeviceError
+from fitting.cuffs.cuff_fit import SessionFit
+from fitting.cuffs.cuffs_file import cuffs_json
 from fitting.errors import CodedError
 from solver.errors import SolverError
 from station import cli
@@ -28,6 +30,29 @@ def wearer(tmp_path_factory: pytest.TempPathFactory) -> WearerSession:
 def reported(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A session with its report (tests/station/reported.py). Tests read it; who writes copies it."""
     return made_once(tmp_path_factory, "reported", report_session)
+
+
+@pytest.fixture(scope="session")
+def fitted_waist() -> SessionFit:
+    """A waist cuff and no arm cuff, as if every trial of the arm cuff had failed."""
+    from fitting.session import fit_session
+    from fitting.trial.trial import build_trial
+    from tests.fitting.experiment import Session, published
+
+    session = Session(published("waist", hold=4.0, duration=12.0), 3)
+    return fit_session([build_trial(*session.static(), "s", "s"), build_trial(*session.dynamic(), "d", "d")])
+
+
+@pytest.fixture
+def given_fit(fitted_waist: SessionFit, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The fit of every session is that of the waist cuff."""
+
+    def fit(_folder: Path, output: Path | None, *_: object) -> SessionFit:
+        if output is not None:
+            output.write_text(cuffs_json(fitted_waist), encoding="utf-8")
+        return fitted_waist
+
+    monkeypatch.setattr("station.fit.fit_session_folder", fit)
 
 
 @pytest.fixture

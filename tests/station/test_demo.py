@@ -12,10 +12,6 @@ import pytest
 
 from documents.message import Message
 from drivers.errors import DeviceUnavailable
-from fitting.cuffs.cuff_fit import SessionFit
-from fitting.cuffs.cuffs_file import cuffs_json
-from fitting.session import fit_session
-from fitting.trial.trial import build_trial
 from station import demo
 from station.assessment.compilation import CompilationAhead
 from station.bench.trial_recorder import TrialRefused, TrialResult
@@ -25,32 +21,17 @@ from station.journal import read_journal
 from station.messages.bench_messages import TrialCode
 from station.progress import silent
 from station.protocol import TrialSpec, published_plan
-from tests.fitting.experiment import Session, published
 
 GOOD = ""
 SILENT = (Message(TrialCode.DEVICE_LOST, {"reason": "QTM went silent", "reason_code": "device_lost.silent"}),)
 
 
-@pytest.fixture(scope="module")
-def fitted() -> SessionFit:
-    """A waist cuff and no arm cuff, as if every trial of the arm cuff had failed."""
-    session = Session(published("waist", hold=4.0, duration=12.0), 3)
-    return fit_session([build_trial(*session.static(), "s", "s"), build_trial(*session.dynamic(), "d", "d")])
-
-
 def test_the_report_is_written_without_the_missing_part(
-    fitted: SessionFit, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    given_fit: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    failed = RecordedTrial(
-        TrialSpec("hand", "static", 2), TrialResult(None, 0, (), accepted=False), None, "no edge came"
-    )
-
-    def fit(_folder: Path, output: Path, *_: object) -> SessionFit:
-        output.write_text(cuffs_json(fitted), encoding="utf-8")
-        return fitted
-
+    result = TrialResult(None, 0, (), accepted=False)
+    failed = RecordedTrial(TrialSpec("hand", "static", 2), result, None, "no edge came")
     monkeypatch.setattr(demo, "record_session", lambda *_: ([failed], {}))
-    monkeypatch.setattr("station.fit.fit_session_folder", fit)
     (tmp_path / "session").mkdir()
     assert demo.run_demo(tmp_path / "session", 30.0, 1, CompilationAhead()) == LOSSY
 

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import io
+from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -27,18 +29,21 @@ from tests.station.assessment.test_findings import assessment, curve
 
 PLANE = Note(TensorCode.ONE_PLANE, {"quantity": "stiffness", "test": "static", "directions": 3, "missing": "(0, 0, 1)"})
 NO_ROPE = Note(TensorCode.NO_ROPE, {"quantity": "damping", "test": "dynamic"})
+NO_RESULT = (None, None, None, (Verdict.NO_STATIC,), np.zeros((3, 3)))
 ANOTHER_LINE = Note(TrialNoteCode.ANOTHER_LINE, {"angle_deg": 30.0})
+
+
+def shown(printed: Callable[[Console], None], width: int = 400) -> str:
+    console = Console(file=io.StringIO(), width=width, legacy_windows=False)
+    with console.capture() as capture:
+        printed(console)
+    return capture.get()
 
 
 def _printed(tensors: Tensors, *notes: Note) -> str:
     trial = TrialFit("static-2", "s", "static", 2, 2, "used", notes=notes)
-    fit = CuffFit(
-        "hand", "arm", "1", None, None, None, (Verdict.NO_STATIC,), np.zeros((3, 3)), trials=(trial,), tensors=tensors
-    )
-    console = Console(file=io.StringIO(), width=400)
-    with console.capture() as capture:
-        print_cuffs(SessionFit({"hand": {"1": fit}}, ()), console)
-    return capture.get()
+    fit = CuffFit("hand", "arm", "1", *NO_RESULT, trials=(trial,), tensors=tensors)
+    return shown(partial(print_cuffs, SessionFit({"hand": {"1": fit}}, ())))
 
 
 def test_principal_values_are_printed_with_their_half_widths_and_axes() -> None:
@@ -56,12 +61,8 @@ def test_too_few_directions_have_a_reason_and_a_single_direction_has_none() -> N
 
 def test_a_lag_that_no_bounce_calibrated_is_printed_once_for_all_cuffs() -> None:
     note = Note(NoteCode.NOT_CALIBRATED, {"lag_s": 0.0, "lag_sd_s": 5e-4, "gain_sd": 0.0})
-    nothing = (None, None, None, (Verdict.NO_STATIC,), np.zeros((3, 3)))
-    fits = {name: {"1": CuffFit(name, "arm", "1", *nothing, notes=(note,))} for name in ("hand", "tube")}
-    console = Console(file=io.StringIO(), width=400)
-    with console.capture() as capture:
-        print_cuffs(SessionFit(fits, ()), console)
-    assert capture.get().count(str(note)) == 1
+    fits = {name: {"1": CuffFit(name, "arm", "1", *NO_RESULT, notes=(note,))} for name in ("hand", "tube")}
+    assert shown(partial(print_cuffs, SessionFit(fits, ()))).count(str(note)) == 1
 
 
 @pytest.mark.parametrize("sources", [(), ("fit",), ("fit", "motion")])
@@ -95,20 +96,15 @@ def test_an_interval_of_an_assessment_has_both_ends_and_no_more_decimals_than_th
 def test_the_conditions_of_an_assessment_are_not_broken_on_a_terminal_of_80_columns() -> None:
     plain = curve("hand", 0.9, "visco_elastic")
     wide = {name: Quantity(0.695, (0.581, 0.731)) for name in ("at_reference", "rest_length", "lowest_cost")}
-    console = Console(file=io.StringIO(), width=80)
-    with console.capture() as capture:
-        console.print(assessment_table(assessment(replace(plain, figures={**plain.figures, **wide}))))
-    assert "visco-elastic" in capture.get()
+    table = assessment_table(assessment(replace(plain, figures={**plain.figures, **wide})))
+    assert "visco-elastic" in shown(lambda console: console.print(table), 80)
 
 
 def test_a_narrow_terminal_does_not_shorten_a_number_or_a_key() -> None:
     table = FoldedTable("stream", "samples", "key")
     table.add_row("/force", "92002", "protocol.step_masses_kg")
-    console = Console(file=io.StringIO(), width=24, legacy_windows=False)
-    with console.capture() as capture:
-        console.print(table)
-    shown = capture.get()
-    columns = zip(*(line.split("│")[1:-1] for line in shown.splitlines() if line.startswith("│")), strict=True)
+    lines = shown(lambda console: console.print(table), 24).splitlines()
+    columns = zip(*(line.split("│")[1:-1] for line in lines if line.startswith("│")), strict=True)
     assert ["".join(map(str.strip, cells)) for cells in columns] == ["/force", "92002", "protocol.step_masses_kg"]
 
 
