@@ -15,11 +15,11 @@ from fitting.results.trial_codes import RejectionCode, TrialNoteCode
 from fitting.trial.trial import RejectedTrial, Trial, read_alone
 from station.bench.bench_clock import BenchClock
 from station.bench.trial_recorder import TrialRecorder
-from station.config import parse_config
 from station.messages.setup_messages import FolderCode
 from station.protocol import TrialSpec
 from tests.recordings.trials import chunk_starts
 from tests.station.command import Ran
+from tests.station.session.benched import config_at
 
 STATIC, DYNAMIC = "cuff-waist_test-static_run-1.mcap", "cuff-waist_test-dynamic_run-1.mcap"
 SETTINGS = {
@@ -40,16 +40,11 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A static and a dynamic trial, recorded from simulated devices."""
     folder = tmp_path_factory.mktemp("recorded")
     with Bench(settings_from_dict(SETTINGS), None, seed=3) as bench, BenchClock(bench.ports["clock"]) as clock:
-        config = {
-            "daq": {"grpc_target": f"127.0.0.1:{bench.ports['ni']}"},
-            "mocap": {"port": bench.ports["qtm"], "control": "start"},
-            "sync": {"stop_edge": "end_of_frame"},
-            "cuffs": {"waist": {"anchor_markers": bench.world.labels[:4], "cuff_markers": ["cuff_1"]}},
-        }
+        config = config_at(bench.ports, mocap={"control": "start"}, sync={"stop_edge": "end_of_frame"})
         for test in ("static", "dynamic"):
             bench.world.select_trial("waist", test)  # type: ignore[arg-type]
             spec = TrialSpec("waist", test, 1)  # type: ignore[arg-type]
-            assert TrialRecorder(parse_config(config, "test"), clock, []).record(folder, spec).accepted
+            assert TrialRecorder(config, clock, []).record(folder, spec).accepted
     return folder
 
 

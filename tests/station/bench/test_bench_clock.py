@@ -28,13 +28,13 @@ from station.bench.simulation import SimulatedBench
 from station.bench.trial_recorder import TrialRecorder
 from station.bench.view import Snapshot, TrialState
 from station.clock import ManualClock, RealClock, SteppedClock
-from station.config import StationConfig, parse_config
 from station.console.running_view import streams_text
 from station.messages.bench_messages import TrialCode
 from station.protocol import TrialSpec
 from station.session.trial_daemon import Telemetry
 from tests.refusals import raises_refusal
 from tests.station.fake_devices import view
+from tests.station.session.benched import config_at
 from tests.timeout import scaled_timeout
 
 MakeBench = Callable[..., Bench]
@@ -53,21 +53,10 @@ def after_a_second(act: Callable[[], None]) -> SimpleNamespace:
     return view(show)
 
 
-def config_for(ports: dict[str, int]) -> StationConfig:
-    return parse_config(
-        {
-            "daq": {"grpc_target": f"127.0.0.1:{ports['ni']}"},
-            "mocap": {"port": ports["qtm"]},
-            "cuffs": {"waist": {"anchor_markers": ["anchor_1", "anchor_2", "anchor_3"], "cuff_markers": ["cuff_1"]}},
-        },
-        "test",
-    )
-
-
 def test_a_trial_holds_blocks_of_the_world_s_time(simulated_bench: MakeBench, tmp_path: Path) -> None:
     bench = simulated_bench(protocol=SHORT)
     with BenchClock(bench.ports["clock"]) as clock:
-        result = TrialRecorder(config_for(bench.ports), clock).record(tmp_path, SPEC)
+        result = TrialRecorder(config_at(bench.ports), clock).record(tmp_path, SPEC)
         assert clock.station_s() == bench.world.now()
     assert result.accepted and not result.lost_samples and result.path is not None
     blocks = [item for item in open_recording(result.path).items() if isinstance(item, Samples)]
@@ -111,7 +100,7 @@ def test_the_telemetry_has_the_rate_of_a_bench_that_is_too_slow(
         for _ in range(8):
             clock.step()
             wall_s[0] += clock._step_s / 0.6
-        telemetry = Telemetry(lambda _: None, None, config_for(bench.ports).calibration(), tmp_path, clock)
+        telemetry = Telemetry(lambda _: None, None, config_at(bench.ports).calibration(), tmp_path, clock)
         line = telemetry._message()
     assert streams_text(line).startswith("simulated bench runs at 0.60 of real time")
     assert "real time" not in streams_text(line.model_copy(update={"slow_rate": None}))
@@ -123,7 +112,7 @@ def test_a_simulator_that_is_killed_ends_the_trial_as_a_lost_device_does(tmp_pat
         child = bench._child
         assert child is not None
         with BenchClock(bench.clock_port) as clock:
-            daemon = TrialRecorder(config_for(bench.ready["ports"]), clock, [after_a_second(child.process.kill)])
+            daemon = TrialRecorder(config_at(bench.ready["ports"]), clock, [after_a_second(child.process.kill)])
             result = daemon.record(tmp_path, SPEC)
     assert not result.accepted and result.path is not None
     assert [message.code for message in result.messages] == [TrialCode.DEVICE_LOST]
@@ -139,11 +128,11 @@ def test_a_second_station_is_refused_and_the_first_continues(simulated_bench: Ma
 
     def try_another() -> None:
         with pytest.raises(DeviceUnavailable) as caught:
-            TrialRecorder(config_for(bench.ports), RealClock()).record(tmp_path / "other", SPEC)
+            TrialRecorder(config_at(bench.ports), RealClock()).record(tmp_path / "other", SPEC)
         refused.append(str(caught.value))
 
     with BenchClock(bench.ports["clock"]) as clock:
-        result = TrialRecorder(config_for(bench.ports), clock, [after_a_second(try_another)]).record(
+        result = TrialRecorder(config_at(bench.ports), clock, [after_a_second(try_another)]).record(
             tmp_path / "first", SPEC
         )
     assert result.accepted and not result.lost_samples
@@ -156,7 +145,7 @@ def test_another_reader_of_qtm_sees_every_frame_too(simulated_bench: MakeBench, 
     other = Qualisys(host="127.0.0.1", port=bench.ports["qtm"], host_clock=time.time_ns)
     other.open()
     with BenchClock(bench.ports["clock"]) as clock:
-        result = TrialRecorder(config_for(bench.ports), clock).record(tmp_path, SPEC)
+        result = TrialRecorder(config_at(bench.ports), clock).record(tmp_path, SPEC)
     assert result.path is not None
     recorded = open_recording(result.path).load("/markers").sample_numbers
     seen: list[int] = []

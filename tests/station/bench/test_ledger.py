@@ -29,14 +29,13 @@ from station.bench.feed import (
     SteppedFeed,
 )
 from station.bench.trial_recorder import TrialRecorder, TrialResult
-from station.config import parse_config
 from station.files.info import show_contents
 from station.messages.bench_messages import TrialCode
 from station.protocol import TrialSpec
+from tests.station.session.benched import config_at
 from tests.timeout import scaled_timeout
 
 MakeBench = Callable[..., Bench]
-ANCHOR = ["anchor_1", "anchor_2", "anchor_3", "anchor_4"]
 FAULTS = [
     {"device": "ni", "fault": "overrun", "at_s": 3.0},
     {"device": "qtm", "fault": "skip_frames", "at_s": 4.0, "for_s": 0.3},
@@ -101,16 +100,8 @@ def test_the_samples_of_a_lost_device_are_counted_up_to_the_end_of_the_trial(
 
 
 def recorded(bench: Bench, folder: Path) -> TrialResult:
-    config = parse_config(
-        {
-            "daq": {"grpc_target": f"127.0.0.1:{bench.ports['ni']}"},
-            "mocap": {"port": bench.ports["qtm"]},
-            "cuffs": {"waist": {"anchor_markers": ANCHOR, "cuff_markers": ["cuff_1"]}},
-        },
-        "test",
-    )
     with BenchClock(bench.ports["clock"]) as clock:
-        return TrialRecorder(config, clock).record(folder, TrialSpec("waist", "static", 1))
+        return TrialRecorder(config_at(bench.ports), clock).record(folder, TrialSpec("waist", "static", 1))
 
 
 class Scripted:

@@ -31,7 +31,7 @@ from station.bench.simulation import (
 )
 from station.bench.trial_recorder import TrialRecorder
 from station.bench.view import Snapshot, TrialState
-from station.config import StationConfig, load_config, parse_config
+from station.config import load_config, parse_config
 from station.messages.bench_messages import TrialCode
 from station.messages.setup_messages import SimulationCode
 from station.protocol import TrialSpec
@@ -40,6 +40,7 @@ from tests.refusals import raises_refusal
 from tests.station.child_process import press
 from tests.station.command import Ran
 from tests.station.fake_devices import view
+from tests.station.session.benched import config_at
 
 Station = Callable[..., Ran]
 MakeBench = Callable[..., Bench]
@@ -57,6 +58,7 @@ clock = {clock}
 anchor_markers = ["anchor_1", "anchor_2", "anchor_3"]
 cuff_markers = ["cuff_1"]
 """
+WEIGHT = {"mass_kg": 2.5, "marker": "weight"}
 BOUNCE = {"mass_kg": 2.5, "bounce_s": 8.0}
 STATIC = {"lead_in_s": 1.0, "hold_s": 2.0, "step_masses_kg": [3.0]}
 
@@ -65,13 +67,6 @@ def written(bench: Bench, folder: Path) -> Path:
     path = folder / "station.toml"
     path.write_text(CONFIG.format(**bench.ports))
     return path
-
-
-def config_for(bench: Bench) -> StationConfig:
-    daq = {"grpc_target": f"127.0.0.1:{bench.ports['ni']}"}
-    return parse_config(
-        {"daq": daq, "mocap": {"port": bench.ports["qtm"]}, "bounce": {"mass_kg": 2.5, "marker": "weight"}}, "t"
-    )
 
 
 @pytest.mark.parametrize("into_the_capture_s", [0.1, 5.0, 10.9])
@@ -89,7 +84,9 @@ def test_a_trial_that_arms_in_the_middle_of_a_capture_records_the_next_one_whole
             codes.update(message.code for message in snapshot.messages)
 
     with BenchClock(bench.ports["clock"]) as clock:
-        result = TrialRecorder(config_for(bench), clock, [view(show)]).record(tmp_path, TrialSpec(None, "bounce", 1))
+        result = TrialRecorder(config_at(bench.ports, bounce=WEIGHT), clock, [view(show)]).record(
+            tmp_path, TrialSpec(None, "bounce", 1)
+        )
     assert result.accepted and not result.lost_samples and result.path is not None
     if into_the_capture_s < 10.0:  # else the line falls in the first block, before its level has settled
         assert TrialCode.CAPTURE_RUNNING in codes
@@ -150,7 +147,7 @@ def test_the_simulated_operator_begins_the_next_capture_seconds_after_the_last(
     bench.world.select_trial(None, "bounce")
     end = bench.world.start_capture().end
     with BenchClock(bench.ports["clock"]) as clock:
-        TrialRecorder(config_for(bench), clock).record(tmp_path, TrialSpec(None, "bounce", 1))
+        TrialRecorder(config_at(bench.ports, bounce=WEIGHT), clock).record(tmp_path, TrialSpec(None, "bounce", 1))
     assert bench.world.capture.start - end >= Settings().operator.delay_s
 
 

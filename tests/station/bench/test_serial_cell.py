@@ -35,7 +35,7 @@ from station.bench.check import (
 from station.bench.feed import DeviceFailed
 from station.bench.trial_recorder import TrialRecorder
 from station.clock import RealClock
-from station.config import StationConfig, parse_config
+from station.config import StationConfig
 from station.files.timed_replay import replay
 from station.fit import SessionError, fit_session_folder
 from station.messages.bench_messages import CheckCode
@@ -44,6 +44,7 @@ from station.protocol import TrialSpec
 from station.recordings_of_session import pulls_in
 from tests.refusals import raises_refusal
 from tests.station.command import Ran
+from tests.station.session.benched import config_at
 from tests.station.wearer import BODY, SPECS, WearerSession
 
 Station = Callable[..., Ran]
@@ -61,22 +62,9 @@ def bench(simulated_bench: MakeBench) -> Bench:
 
 @pytest.fixture
 def config(bench: Bench) -> StationConfig:
-    return parse_config(
-        {
-            "daq": {"grpc_target": f"127.0.0.1:{bench.ports['ni']}"},
-            "load_cell": {
-                "source": "serial",
-                "port": f"socket://127.0.0.1:{bench.ports['serial']}",
-                "capacity_kg": 25,
-                "serial_number": "S9",
-                "calibrated_on": "2026-03-01",
-                "gain_relative_sd": 0.001,
-            },
-            "mocap": {"port": bench.ports["qtm"]},
-            "cuffs": {"waist": {"anchor_markers": bench.world.labels[:4], "cuff_markers": ["cuff_1"]}},
-        },
-        "test",
-    )
+    serial = {"source": "serial", "port": f"socket://127.0.0.1:{bench.ports['serial']}", "capacity_kg": 25}
+    certificate = {"serial_number": "S9", "calibrated_on": "2026-03-01", "gain_relative_sd": 0.001}
+    return config_at(bench.ports, load_cell=serial | certificate)
 
 
 class Reporting(SerialLoadCell):

@@ -174,12 +174,10 @@ def test_the_plan_needs_all_of_its_trials_and_the_reserve(tmp_path: Path) -> Non
 
 
 def test_recorded_trials_need_no_space_and_one_trial_always_does(tmp_path: Path) -> None:
-    def needed() -> float:
-        return bytes_needed([FORCE], TWO_CUFFS, tmp_path, 10.0) - RESERVE_BYTES
-
     one = 1.1 * 10.0 * 1000 * 8
     for done in range(14):
-        assert needed() == pytest.approx(one * max(1, 12 - done))
+        needed = bytes_needed([FORCE], TWO_CUFFS, tmp_path, 10.0) - RESERVE_BYTES
+        assert needed == pytest.approx(one * max(1, 12 - done))
         (tmp_path / f"{done}.mcap").touch()
 
 

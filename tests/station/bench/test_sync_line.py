@@ -25,10 +25,10 @@ from station.bench.bench_clock import BenchClock
 from station.bench.sync_line import Edge, FallingEdges, PreRoll, SyncLine
 from station.bench.trial_recorder import TrialRecorder, TrialResult
 from station.bench.view import Snapshot, TrialState
-from station.config import StationConfig, parse_config
 from station.messages.bench_messages import TrialCode
 from station.protocol import TrialSpec
 from tests.station.fake_devices import view
+from tests.station.session.benched import config_at
 
 ARMED_FOR_S = 2.0
 """Station seconds after which a fault that concerns an armed station happens."""
@@ -78,7 +78,7 @@ def suffer(case: Case, folder: Path) -> tuple[TrialResult, set[str], str]:
     with Bench(settings_from_dict(SETTINGS), None, seed=3, fault_plan=() if case.while_armed else [plan]) as bench:
         views = [meddler(plan, bench.world.faults)] if case.while_armed else []
         with BenchClock(bench.ports["clock"]) as clock:
-            config = _config(bench, {"stop_edge": "end_of_frame"})
+            config = config_at(bench.ports, sync={"stop_edge": "end_of_frame"})
             result = TrialRecorder(config, clock, views).record(folder, TrialSpec("waist", "static", 1))
     if result.path is None:
         return result, set(), result.sentence
@@ -98,16 +98,6 @@ SETTINGS = {
     "protocol": {"static": {"lead_in_s": 1.0, "hold_s": 2.0, "step_masses_kg": [3.0]}},
     "mocap": {"occlusions_per_minute": 0},
 }
-
-
-def _config(bench: Bench, sync: dict[str, Any]) -> StationConfig:
-    config = {
-        "daq": {"grpc_target": f"127.0.0.1:{bench.ports['ni']}"},
-        "mocap": {"port": bench.ports["qtm"]},
-        "sync": sync,
-        "cuffs": {"waist": {"anchor_markers": bench.world.labels[:4], "cuff_markers": ["cuff_1"]}},
-    }
-    return parse_config(config, "test")
 
 
 MILLISECOND = 1_000_000  # ns between two samples
@@ -319,7 +309,9 @@ def _record(folder: Path, before_frame_end_s: float, ppm: float, sync: dict[str,
         "protocol": {"static": {"lead_in_s": 1.0, "hold_s": hold_s, "step_masses_kg": [3.0]}},
     }
     with Bench(settings_from_dict(settings), None, seed=3) as bench, BenchClock(bench.ports["clock"]) as clock:
-        result = TrialRecorder(_config(bench, sync), clock, []).record(folder, TrialSpec("waist", "static", 1))
+        result = TrialRecorder(config_at(bench.ports, sync=sync), clock, []).record(
+            folder, TrialSpec("waist", "static", 1)
+        )
     assert result.accepted
     assert result.path is not None
     return result.path

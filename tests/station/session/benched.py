@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import subprocess
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from dataclasses import asdict
 from pathlib import Path
@@ -14,11 +14,21 @@ from recordings.manifest import TestKind
 from station.bench.bench_clock import BenchClock
 from station.bench.simulation import SimulatedBench, simulator_settings
 from station.child import Child
-from station.config import StationConfig, load_config
+from station.config import StationConfig, load_config, parse_config
 from station.protocol import TrialSpec
 from tests.station.console.served import write_config
 
 DYNAMIC = TrialSpec("hand", "dynamic", 1)
+
+
+WAIST = {"anchor_markers": [f"anchor_{number}" for number in (1, 2, 3, 4)], "cuff_markers": ["cuff_1"]}
+
+
+def config_at(ports: Mapping[str, int], **more: dict[str, Any]) -> StationConfig:
+    """A waist cuff and the devices of a simulated bench at these ports; keys that the sections have, too."""
+    sections = {"daq": {"grpc_target": f"127.0.0.1:{ports['ni']}"}, "mocap": {"port": ports["qtm"]}}
+    sections["cuffs"] = {"waist": WAIST}
+    return parse_config(sections | {name: sections.get(name, {}) | keys for name, keys in more.items()}, "test")
 
 
 @contextmanager
