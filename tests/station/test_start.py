@@ -7,6 +7,7 @@ import shutil
 import subprocess
 import sys
 from pathlib import Path
+from unittest.mock import Mock
 
 import pytest
 
@@ -125,10 +126,8 @@ def test_a_limit_of_memory_below_what_a_command_needs_is_a_sentence(
 def test_what_fails_for_lack_of_memory_is_a_sentence_and_any_other_failure_is_shown(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    def run() -> None:
-        raise ImportError("libx.so: failed to map segment from shared object")
-
-    monkeypatch.setattr("station.cli.main", run)
+    unmapped = ImportError("libx.so: failed to map segment from shared object")
+    monkeypatch.setattr("station.cli.main", Mock(side_effect=unmapped))
     monkeypatch.setattr("station.__main__._has_limit", lambda: True)
     monkeypatch.setattr("station.__main__._is_free", lambda size: True)
     with pytest.raises(ImportError):

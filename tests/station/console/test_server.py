@@ -6,6 +6,7 @@ import asyncio
 import socket
 from pathlib import Path
 from typing import Any
+from unittest.mock import AsyncMock
 from urllib.parse import urljoin
 
 import psutil
@@ -63,17 +64,10 @@ def _request(
 ) -> tuple[bool, dict[str, Any]]:
     """Whether the request has reached the page, and the start of the answer."""
     reached: list[str] = []
-    answers: list[Any] = []
 
     async def page(scope: Scope, _receive: Receive, send: Send) -> None:
         reached.append(scope["type"])
         await send({"type": "http.response.start", "status": 200, "headers": [(b"content-type", b"text/html")]})
-
-    async def receive() -> Message:
-        return {"type": "http.request"}
-
-    async def send(message: Message) -> None:
-        answers.append(message)
 
     scope = {
         "type": kind,
@@ -82,8 +76,9 @@ def _request(
         "query_string": query.encode(),
         "headers": [(name.encode(), value.encode("latin-1")) for name, value in headers.items()],
     }
+    receive, send = AsyncMock(return_value={"type": "http.request"}), AsyncMock()
     asyncio.run(AccessMiddleware(page, token)(scope, receive, send))
-    return bool(reached), answers[0]
+    return bool(reached), send.await_args_list[0].args[0]
 
 
 def _headers(answer: dict[str, Any]) -> Headers:
@@ -153,18 +148,15 @@ def test_a_host_that_is_unknown_or_not_this_computer_is_refused(host: str) -> No
 
 def request(app: ASGIApp, *received: str) -> list[Message]:
     """What the app sends when it receives messages of these types, and nothing more."""
-    waiting, sent = list(received), list[Message]()
+    waiting, send = list(received), AsyncMock()
 
     async def receive() -> Message:
         if not waiting:
             await asyncio.Event().wait()
         return {"type": waiting.pop(0)}
 
-    async def send(message: Message) -> None:
-        sent.append(message)
-
     asyncio.run(RedirectWithPrefixMiddleware(CompressionMiddleware(app))(SCOPE, receive, send))
-    return sent
+    return [sent.args[0] for sent in send.await_args_list]
 
 
 @pytest.fixture

@@ -154,10 +154,7 @@ def test_weights_of_unknown_mass_are_counted_level_by_level() -> None:
 
 
 def test_a_swing_is_counted_and_brought_to_rest() -> None:
-    def force(t: float) -> float:
-        return 25.0 + (12.0 * np.sin(2 * np.pi * 0.9 * t) if 4.0 < t < 26.0 else 0.0)
-
-    cues = cues_of(SwingGuide(15.0), 34.0, force)
+    cues = cues_of(SwingGuide(15.0), 34.0, lambda t: 25.0 + 12.0 * (4.0 < t < 26.0) * np.sin(2 * np.pi * 0.9 * t))
     assert cues[10].message.code is CueCode.STAND_STILL
     swinging = cues[150]
     assert swinging.message.figures["frequency_hz"] == approx(0.9, abs=0.05) and swinging.rest is RestState.SWINGING

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
+from unittest.mock import Mock
 
 import pytest
 from pytest import approx
@@ -214,19 +215,15 @@ class Work:
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
         self.passes: Counter[str] = Counter()
-        self.fits = 0
-        read_entries, fit_donning = recordings.reader.read_entries, fitting.session.fit_donning
+        self.fit = Mock(wraps=fitting.session.fit_donning)
+        read_entries = recordings.reader.read_entries
 
         def count_pass(path: Path) -> Iterator[Entry | Damage]:
             yield from read_entries(path)
             self.passes[path.name] += 1  # reading a manifest stops before the end
 
-        def count_fit(*arguments: Any) -> Any:
-            self.fits += 1
-            return fit_donning(*arguments)
-
         monkeypatch.setattr("recordings.reader.read_entries", count_pass)
-        monkeypatch.setattr("fitting.session.fit_donning", count_fit)
+        monkeypatch.setattr("fitting.session.fit_donning", self.fit)
 
 
 @pytest.mark.slow
@@ -246,7 +243,7 @@ def test_the_cost_of_a_verdict_does_not_grow_with_the_session(
     write_verdict(folder, "cuff-hand_test-static_run-2.mcap", "redo", "the wearer coughed")
     assert judge_recording(folder, DYNAMIC) == alone, "and it is the same verdict"
     assert work.passes == {STATIC: 1, DYNAMIC: 1}
-    assert work.fits == 1
+    assert work.fit.call_count == 1
 
 
 def test_a_session_is_fitted_in_one_pass_over_each_of_its_recordings(
@@ -254,7 +251,7 @@ def test_a_session_is_fitted_in_one_pass_over_each_of_its_recordings(
 ) -> None:
     work = Work(monkeypatch)
     fit_session_folder(session, None)
-    assert (work.passes, work.fits) == ({STATIC: 1, DYNAMIC: 1}, 1)
+    assert (work.passes, work.fit.call_count) == ({STATIC: 1, DYNAMIC: 1}, 1)
 
 
 def test_marks_are_counted_in_the_pass_that_reads_the_trial(session: Path, tmp_path: Path) -> None:
@@ -277,10 +274,8 @@ def test_a_trial_that_the_recorder_did_not_accept_has_the_reason_of_the_recorder
     session: Path, judged: Judge, journal: Path
 ) -> None:
     write_recorded(session, Recorded(STATIC, "hand", "static", 1, "1", False, 12, "NI Dev1 is gone: unplugged"))
-    assert judged().reasons == (
-        Message(ReasonCode.NOT_ACCEPTED, {"reason": "NI Dev1 is gone: unplugged"}),
-        Message(ReasonCode.LOST_SAMPLES, {"samples": 12}),
-    )
+    not_accepted = Message(ReasonCode.NOT_ACCEPTED, {"reason": "NI Dev1 is gone: unplugged"})
+    assert judged().reasons == (not_accepted, Message(ReasonCode.LOST_SAMPLES, {"samples": 12}))
 
 
 @pytest.mark.parametrize("test", ["bounce", "static"])
@@ -289,9 +284,7 @@ def test_the_reason_of_the_recorder_comes_first_where_nothing_is_fitted(
 ) -> None:
     """The disk was full: the bounce is too short for that, or the file ends before its header."""
 
-    def unusable(_: Path) -> None:
-        raise UnusableTrial(RejectionCode.NO_MOTION)
-
+    unusable = Mock(side_effect=UnusableTrial(RejectionCode.NO_MOTION))
     if test == "bounce":
         monkeypatch.setattr("station.session.fitted_judgement.read_recording", unusable)
     (tmp_path / "a.mcap").write_text("no recording\n")
@@ -306,10 +299,7 @@ def test_the_reason_of_the_recorder_comes_first_where_nothing_is_fitted(
 def test_a_trial_that_was_not_accepted_has_one_reason(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The fit refuses it for the reason of the recorder, which its file has, too."""
     lost = "NI Dev1 is gone: unplugged"
-
-    def refused(_: Path) -> None:
-        raise UnusableTrial(RejectionCode.NOT_ACCEPTED, {"outcome": lost})
-
+    refused = Mock(side_effect=UnusableTrial(RejectionCode.NOT_ACCEPTED, {"outcome": lost}))
     monkeypatch.setattr("station.session.fitted_judgement.read_recording", refused)
     write_recorded(tmp_path, Recorded("a.mcap", "hand", "static", 1, "1", False, 0, lost))
     assert judge_recording(tmp_path, "a.mcap").reasons == (Message(ReasonCode.NOT_ACCEPTED, {"reason": lost}),)
@@ -340,10 +330,7 @@ def test_a_rejected_recording_is_judged_as_rejected(session: Path, journal: Path
 
 
 def test_an_unexpected_error_keeps_the_recording(session: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def fail(*_: object) -> None:
-        raise ZeroDivisionError("oh")
-
-    monkeypatch.setattr(FIT, fail)
+    monkeypatch.setattr(FIT, Mock(side_effect=ZeroDivisionError("oh")))
     judgement = judge_recording(session, STATIC)
     assert judgement.advice == "accept"
     assert judgement.reasons == (Message(ReasonCode.FIT_FAILED, {"reason": "ZeroDivisionError: oh"}),)

@@ -8,6 +8,7 @@ import shutil
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
+from unittest.mock import Mock
 
 import pytest
 
@@ -103,9 +104,7 @@ def test_a_wearer_who_cannot_be_assessed_is_named_with_the_reason(
 def test_a_session_without_a_wearable_cuff_has_its_table_and_report(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def refuse(*_: object) -> None:
-        raise InputError("the cuff hand has the law creep")
-
+    refuse = Mock(side_effect=InputError("the cuff hand has the law creep"))
     monkeypatch.setattr("station.assessment.assessment_inputs.worn_cuffs", refuse)
     monkeypatch.setattr("station.assessment.assess.worn_cuffs", refuse)
     record_hand(tmp_path)

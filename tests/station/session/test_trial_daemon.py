@@ -17,7 +17,7 @@ from itertools import pairwise
 from multiprocessing import connection
 from pathlib import Path
 from typing import Any
-from unittest.mock import MagicMock
+from unittest.mock import AsyncMock, MagicMock, Mock
 
 import numpy as np
 import pytest
@@ -343,10 +343,8 @@ RESULT = asdict(
 def test_a_message_of_the_recorder_that_cannot_be_read_is_reported_and_the_trial_followed_to_its_end(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, result: dict[str, Any], message: str
 ) -> None:
-    async def start(*_: object) -> TrialProcess:
-        return played({"state": "armed"}, {"state": 5}, {"state": "recording", "force": "x"}, {"result": result})
-
-    monkeypatch.setattr(TrialProcess, "start", start)
+    process = played({"state": "armed"}, {"state": 5}, {"state": "recording", "force": "x"}, {"result": result})
+    monkeypatch.setattr(TrialProcess, "start", AsyncMock(return_value=process))
     controller = SessionController(with_folder(load_config(write_config(tmp_path)), tmp_path / "sessions"))
 
     async def record() -> LiveTrial:
@@ -480,11 +478,8 @@ def test_a_hidden_marker_is_named_and_leaves_no_point(tmp_path: Path) -> None:
 
 
 def test_a_closed_console_is_not_an_error(tmp_path: Path) -> None:
-    def refuse(_: dict[str, Any]) -> None:
-        raise BrokenPipeError
-
     view = TelemetryByHand(tmp_path)
-    view.view._send = refuse
+    view.view._send = Mock(side_effect=BrokenPipeError)
     for block in range(3):
         view.view.offer(force(0.1 * block, 0.1, -0.25))
         view.view._refresh()

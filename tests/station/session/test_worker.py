@@ -9,6 +9,7 @@ import sys
 import threading
 from collections.abc import Awaitable, Callable
 from pathlib import Path
+from unittest.mock import Mock
 
 import psutil
 import pytest
@@ -158,16 +159,13 @@ def _report_badly(progress: Progress) -> None:
 
 
 def test_an_error_of_a_function_is_raised_and_the_worker_continues() -> None:
-    def refuse(*_: object) -> None:
-        raise LookupError
-
     async def fail(worker: Worker) -> None:
         first = await worker.run(os.getpid)
         for error, raised in ((ZeroDivisionError, ZeroDivisionError), (Unpicklable, RuntimeError)):
             with pytest.raises(raised):
                 await worker.run(_fail, error)
         with pytest.raises(LookupError):
-            await worker.run_with_progress(refuse, _report_badly)
+            await worker.run_with_progress(Mock(side_effect=LookupError), _report_badly)
         last = await worker.run(os.getpid)
         assert first != last, "what a function sends after an error of its observer is discarded with its process"
         worker.close()
