@@ -100,18 +100,15 @@ def test_a_command_keeps_its_exit_code_and_is_measured(capfd: pytest.CaptureFixt
     assert float(wall) > 0 and (float(processor) > 0 or os.name == "nt")
 
 
-def test_the_loops_keep_running_until_the_command_has_ended_and_end_with_it() -> None:
+def test_loops_end_with_the_command_or_after_their_time(capfd: pytest.CaptureFixture[str]) -> None:
+    with busy_loops(1, at_most_s=0.01) as loops:
+        assert loops[0].wait(scaled_timeout(20)) == 0
+        assert measure(_python("pass"), loops).loops == 0
     with busy_loops(2, at_most_s=600.0) as loops:
         processes = [psutil.Process(loop.pid) for loop in loops]
         assert measure(_python("pass"), loops).loops == 2
         assert {process.nice() for process in processes} == {psutil.Process().nice()}, "of equal priority"
     assert not any(process.is_running() for process in processes)
-
-
-def test_a_loop_ends_by_itself_after_its_time(capfd: pytest.CaptureFixture[str]) -> None:
-    with busy_loops(1, at_most_s=0.01) as loops:
-        assert loops[0].wait(scaled_timeout(20)) == 0
-        assert measure(_python("pass"), loops).loops == 0
 
 
 @pytest.mark.skipif(os.name == "nt", reason="Windows keeps a dead parent's number: loops end by their time")

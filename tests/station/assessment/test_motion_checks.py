@@ -230,7 +230,7 @@ def test_radians_under_a_header_of_degrees_are_named(step: Step, tmp_path: Path,
     assert (AssessmentCode.RADIANS_AS_DEGREES in codes) == is_named
 
 
-def test_a_centre_of_pressure_in_millimetres_is_far_from_its_body(tmp_path: Path) -> None:
+def test_loads_in_millimetres_on_the_ground_or_of_unused_files_are_named(tmp_path: Path) -> None:
     step = step_in(tmp_path)
     model, kinematics = read_osim(step.model), kinematics_of(step, step.motion)
     loads = read_external_loads(step.loads, model, kinematics.time)
@@ -242,11 +242,6 @@ def test_a_centre_of_pressure_in_millimetres_is_far_from_its_body(tmp_path: Path
     is_pressed = wrong.force[:, 1] > 0.1 * wrong.force[:, 1].max()  # the foot is within 2 m of the ground's origin
     assert float(distance) == pytest.approx(np.linalg.norm(wrong.point, axis=1)[is_pressed].max(), abs=40.0)
     assert [finding.code for finding in motion_findings(notes)] == [AssessmentCode.LOAD_FAR_FROM_BODY]
-
-
-def test_what_a_file_of_loads_says_and_the_model_does_not_do_is_named(tmp_path: Path) -> None:
-    step = step_in(tmp_path)
-    model, kinematics = read_osim(step.model), kinematics_of(step, step.motion)
     text = step.loads.read_text()
     kept = "<external_loads_model_kinematics_file>a.mot</external_loads_model_kinematics_file><datafile>C:\\lab\\"
     step.loads.write_text(re.sub(r"(<applied_to_body>)[^<]+", r"\1ground", text).replace("<datafile>", kept))

@@ -360,6 +360,7 @@ def record_static(folder: Path, hidden: slice, lost: Sequence[int] = ()) -> Path
     truth = hide(static_and_dynamic()[0], hidden)
     for name in ("/force", "/sync"):
         truth = truth.with_track(name, np.delete(np.arange(len(truth.tracks[name].values)), lost))
+    folder.mkdir(exist_ok=True)
     return truth.record(folder / "static.mcap")
 
 
@@ -444,7 +445,7 @@ def test_without_gaps_there_is_one_file_and_an_unseen_cuff_is_refused(tmp_path: 
     assert done.paths[0].stem.endswith("_force")
     assert not done.notes
     with raises_refusal(ExportCode.NO_DIRECTION, kind=ExportRefused):
-        export_force(record_static(tmp_path, slice(None)), "mot", tmp_path / "out")
+        export_force(record_static(tmp_path / "unseen", slice(None)), "mot", tmp_path / "out")
     assert not (tmp_path / "out").exists()
 
 

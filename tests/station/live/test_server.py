@@ -201,7 +201,11 @@ def test_a_view_that_does_not_read_loses_the_oldest_updates_and_they_are_counted
     assert received[-1].delivery.not_shown + len(frames) == count
 
 
-def test_a_slow_reader_in_the_view_counts_what_it_drops() -> None:
+def test_a_command_reaches_the_process_and_a_slow_reader_counts_what_it_drops() -> None:
+    commands: Queue[dict[str, Any]] = Queue()
+    with LiveServer(SETUP, commands.put) as server, LiveSubscription(server.address) as view:
+        view.set_rest_length("worn", 0.71)
+        assert commands.get(timeout=scaled_timeout(10)) == {"scenario": "worn", "rest_length_m": 0.71}
     with LiveServer(SETUP, ignore, ALL) as server:
         view = LiveSubscription(server.address, backlog=5)
         wait_for(lambda: server.views == 1, view)
@@ -212,13 +216,6 @@ def test_a_slow_reader_in_the_view_counts_what_it_drops() -> None:
     assert [found.values.frame for found in shown if found.values] == [25, 26, 27, 28, 29]
     assert shown[-1].delivery.not_shown == 25
     view.close()
-
-
-def test_a_command_of_a_view_reaches_the_process() -> None:
-    commands: Queue[dict[str, Any]] = Queue()
-    with LiveServer(SETUP, commands.put) as server, LiveSubscription(server.address) as view:
-        view.set_rest_length("worn", 0.71)
-        assert commands.get(timeout=scaled_timeout(10)) == {"scenario": "worn", "rest_length_m": 0.71}
 
 
 @pytest.mark.parametrize("last", [(), (replace(update(11), values=None),)], ids=["values", "no values"])

@@ -102,10 +102,11 @@ def test_an_effort_is_stated_as_what_it_saves_or_as_a_bound(number: dict[str, An
     assert shown == [text, words.format(" effort than with a slack cord")], "~ is a no-break space"
 
 
-def test_a_number_has_the_place_of_its_key_in_the_file() -> None:
+def test_a_number_has_the_place_of_its_key_and_commands_are_code() -> None:
     entry = ClassEntry.model_validate({"class": "linear", "left_over_n": 0.2, "gain": 0.0})
     name: Any = located(entry, Source.of("cuffs.json")).name
     assert name.source.pointer == "/class"
+    assert str(with_commands("a < b: run `station fit`")) == "a &lt; b: run <code>station fit</code>"
 
 
 @pytest.mark.parametrize(
@@ -176,10 +177,6 @@ def test_the_page_says_whose_body_and_motion_it_is(more: dict[str, Any], words: 
 def test_a_narrow_interval_has_the_decimals_of_its_table(number: dict[str, Any], digits: int, text: str) -> None:
     entry = located(NumberEntry.model_validate(number), Source.of("assessment.json"))
     assert str(figure(entry, digits=digits)) == text
-
-
-def test_commands_of_a_sentence_are_code_and_the_rest_is_escaped() -> None:
-    assert str(with_commands("a < b: run `station fit`")) == "a &lt; b: run <code>station fit</code>"
 
 
 def test_with_drawn_people_the_effort_has_their_band_and_the_caption_their_number() -> None:

@@ -208,6 +208,7 @@ def test_notes_and_names_of_marks_are_shown_with_their_trial_as_they_were_typed(
     write_note(tmp_path, "", "<script>alert(1)</script>")
     write_note(tmp_path, "static-2", '</td></table><data class="number" id="x">7</data>')
     write_mark(tmp_path, "static-2", 1, "coughed & laughed")
+    (tmp_path / "missing.json").write_text('["hand, static, repeat 2: no edge came"]', encoding="utf-8")
     page = write_report(tmp_path, _fitted()).read_text(encoding="utf-8")
     facts, recordings = page[: page.index('class="section"')], page[page.index('id="recordings"') :]
     assert "&lt;script&gt;alert(1)&lt;/script&gt;" in facts and "<script>" not in page
@@ -215,12 +216,7 @@ def test_notes_and_names_of_marks_are_shown_with_their_trial_as_they_were_typed(
     assert "static, repeat 2" in row or "static-2" in row
     assert "mark 1: coughed &amp; laughed" in row and "note: &lt;/td&gt;" in row
     assert 'id="x"' not in page
-
-
-def test_what_is_missing_is_listed_first(tmp_path: Path) -> None:
-    (tmp_path / "missing.json").write_text('["hand, static, repeat 2: no edge came"]', encoding="utf-8")
-    page = write_report(tmp_path, _fitted()).read_text(encoding="utf-8")
-    assert page.index("hand, static, repeat 2: no edge came") < page.index("<h2>")
+    assert page.index("hand, static, repeat 2: no edge came") < page.index("<h2>"), "what is missing comes first"
 
 
 # A session's cuffs beside the normative table of a study.
@@ -304,7 +300,10 @@ MANIFEST = Manifest(
 )
 
 
-def test_subject_devices_protocol_and_times_are_listed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_facts_of_a_session_are_listed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    facts = {fact.name: fact.text for fact in session_facts(tmp_path, [], None, DataOrigin.UNKNOWN)}
+    assert facts["Subject"] == facts["Operator"] == UNKNOWN
+    assert set(facts) == {"Subject", "Operator", "Data"}
     write_setup(tmp_path, Setup("P01", "MK", ("hand",), 1))
     later = replace(MANIFEST, test="dynamic", start_utc_ns=MANIFEST.start_utc_ns + 600 * 10**9)
     found = {"first.mcap": MANIFEST, "second.mcap": later}
@@ -318,12 +317,6 @@ def test_subject_devices_protocol_and_times_are_listed(tmp_path: Path, monkeypat
     assert "LC-7" in facts["Load cell"] and "2026-01-15" in facts["Load cell"]
     assert facts["Protocol"].startswith("2 trials of 1 cuff in 1 donning; static: 2 weights, 3 kg together")
     assert facts["Recorded"] == "2026-05-28 20:26 to 20:36 UTC"
-
-
-def test_a_folder_without_journal_and_recordings_says_that_nothing_is_recorded(tmp_path: Path) -> None:
-    facts = {fact.name: fact.text for fact in session_facts(tmp_path, [], None, DataOrigin.UNKNOWN)}
-    assert facts["Subject"] == facts["Operator"] == UNKNOWN
-    assert set(facts) == {"Subject", "Operator", "Data"}
 
 
 def test_a_named_mark_has_its_time_from_the_sync_edge(tmp_path: Path) -> None:
