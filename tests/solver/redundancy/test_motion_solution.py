@@ -6,6 +6,7 @@ A motion solved in blocks has the solution of all frames at once, and only that 
 import tracemalloc
 from collections.abc import Callable
 from dataclasses import fields, replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -271,9 +272,9 @@ def _solved(monkeypatch: pytest.MonkeyPatch, frames_at_once: int, solve: Solve) 
     """The solution, and the number of frames of the longest part that was solved at once."""
     longest, kept = [], motion_module._solve
 
-    def counted(motion: motion_module._Motion, *rest: object, **more: object) -> MotionSolution:
+    def counted(motion: Any, *rest: Any, **more: Any) -> MotionSolution:
         longest.append(len(motion.kinematics.time))
-        return kept(motion, *rest, **more)  # type: ignore[arg-type]
+        return kept(motion, *rest, **more)
 
     with monkeypatch.context() as patch:
         patch.setattr(motion_module, "FRAMES_AT_ONCE", frames_at_once)
