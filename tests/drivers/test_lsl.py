@@ -50,7 +50,7 @@ def fake_outlet(
         "source_id": "",
         "channel_count": 2,
     }
-    kind |= {"get_channel_labels": labels, "get_channel_units": units}
+    kind |= {"get_channel_labels": labels, "get_channel_units": units, "channel_count": 2}
     outlet = Mock(chunks=[], pull_chunk=pull_chunk, **{f"{name}.return_value": value for name, value in kind.items()})
     outlet.uid.return_value = outlet.hostname.return_value = f"pc-{id(outlet)}"
     outlet.info.return_value = outlet

@@ -23,7 +23,7 @@ from station.config import parse_config
 from station.messages.bench_messages import TrialCode
 from station.protocol import TrialSpec
 from tests.drivers.pytest_on_loopback import passed_on_loopback
-from tests.drivers.test_lsl import FakeOutlet, offer
+from tests.drivers.test_lsl import fake_outlet, offer
 from tests.station.bench_by_hand import STREAMS, Bench
 from tests.station.fake_devices import FakeCapture, FakeDaq, FakeMocap
 
@@ -121,7 +121,7 @@ class PlayedOutlet(LslEmg):
 
     def __init__(self, clock: ManualClock, stamped: Callable[[np.ndarray], np.ndarray]) -> None:
         super().__init__(stream="amp", host_clock=clock.utc_ns)
-        self._clock, self._stamped, self._sent, self.outlet = clock, stamped, 0, FakeOutlet()
+        self._clock, self._stamped, self._sent, self.outlet = clock, stamped, 0, fake_outlet()
 
     def read(self, timeout_s: float) -> Sequence[Item]:
         due = round(self._clock.station_s() * 1000)
