@@ -26,11 +26,7 @@ LABELS, UNITS = ["a", "b"], ["microvolts", "microvolts"]
 
 
 def fake_outlet(
-    labels: list[str] | None = LABELS,
-    units: list[str] | None = UNITS,
-    rate_hz: float = 1000.0,
-    *,
-    is_text: bool = False,
+    labels: list[str] | None = LABELS, units: list[str] | None = UNITS, rate_hz: float = 1e3, *, is_text: bool = False
 ) -> Mock:
     """An outlet of two channels without a description, which is its own inlet.
 
@@ -44,12 +40,7 @@ def fake_outlet(
             raise chunk
         return chunk
 
-    kind = {
-        "channel_format": CF_STRING if is_text else 1,
-        "nominal_srate": rate_hz,
-        "source_id": "",
-        "channel_count": 2,
-    }
+    kind = {"channel_format": CF_STRING if is_text else 1, "nominal_srate": rate_hz, "type": "EMG", "source_id": ""}
     kind |= {"get_channel_labels": labels, "get_channel_units": units, "channel_count": 2}
     outlet = Mock(chunks=[], pull_chunk=pull_chunk, **{f"{name}.return_value": value for name, value in kind.items()})
     outlet.uid.return_value = outlet.hostname.return_value = f"pc-{id(outlet)}"
