@@ -35,9 +35,6 @@ def test_two_repeats_whose_interval_holds_zero_are_not_passed_over(apart: float,
     notes = interval_notes(damping)
     assert bool(notes) == is_said
     assert all(note.code is NoteCode.DAMPING_INTERVAL for note in notes)
-
-
-def test_a_damping_that_is_not_identified_has_no_interval_to_speak_of() -> None:
     assert interval_notes(None) == ()
 
 

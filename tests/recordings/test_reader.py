@@ -66,18 +66,14 @@ def test_all_streams_are_collected_while_the_recording_is_opened(tmp_path: Path)
             np.testing.assert_array_equal(getattr(collected, name), getattr(loaded, name))
 
 
-def test_a_stream_without_samples_loads_as_empty_arrays(tmp_path: Path) -> None:
+def test_a_stream_without_samples_loads_as_empty_arrays_and_one_that_was_not_recorded_is_named(tmp_path: Path) -> None:
     track = open_recording(record(tmp_path / "a.mcap", [scalars("/force", 0, 5)])).load("/markers")
     assert track.values.shape == (0, 4, 4)
     assert track.values.dtype == np.float32
     assert len(track.sample_numbers) == len(track.device_time_ns) == len(track.host_time_ns) == 0
-
-
-def test_a_stream_that_was_not_recorded_is_named(tmp_path: Path) -> None:
-    writer = RecordingWriter(tmp_path / "a.mcap", MANIFEST, STREAMS[:1])
-    writer.close(ACCEPTED)
+    RecordingWriter(tmp_path / "b.mcap", MANIFEST, STREAMS[:1]).close(ACCEPTED)
     with raises_refusal(RecordingCode.NO_STREAM):
-        open_recording(tmp_path / "a.mcap").load("/markers")
+        open_recording(tmp_path / "b.mcap").load("/markers")
 
 
 def test_markers_keep_their_columns_when_the_labels_change_order(tmp_path: Path) -> None:

@@ -246,6 +246,10 @@ def _trial(*held: tuple[float, float]) -> list[Plateau]:
     return [Plateau(0, 8, force, 0.1, x, 3e-5, (x, 3e-5)) for force, x in held]
 
 
+FIRST = _trial((2.0, 0.0), (60.0, 0.018), (2.0, 0.010))
+LAST = _trial((2.0, 0.0105), (60.0, 0.02), (2.2, 0.012))
+
+
 def test_hooks_without_noise_at_the_end_of_a_range_show_no_drift() -> None:
     clipped = [Plateau(t, t + 6, force, 0.0, 0.0, 1e-5, (0.0, 1e-5)) for t, force in ((0, 10.0), (8, 40.0), (16, 10.0))]
     assert _drift([clipped]) is None
@@ -265,20 +269,18 @@ def test_quiet_hooks_at_one_code_of_a_converter_show_their_drift_with_the_error_
 
 
 def test_migration_runs_from_the_first_start_to_the_last_end() -> None:
-    first = _trial((2.0, 0.0), (60.0, 0.018), (2.0, 0.010))
-    last = _trial((2.0, 0.0105), (60.0, 0.02), (2.2, 0.012))
-    found = fit_migration([first, last])
+    found = fit_migration([FIRST, LAST])
     assert found.value == pytest.approx(0.012)
     assert found.standard_error == pytest.approx(3e-5 * 2**0.5)
     assert found.ci95 == pytest.approx((0.012 - 8.31544e-5, 0.012 + 8.31544e-5), abs=1e-9), "1.95996 standard errors"
     assert found.parts == {"noise": found.standard_error}
-    alone = fit_migration([last])
+    alone = fit_migration([LAST])
     assert alone.value == pytest.approx(0.0015)
 
 
 def test_a_last_hold_that_is_too_short_to_rest_adds_its_distance_from_rest() -> None:
     """0.4 mm from its mean to its end, with 0.03 mm of noise at each of the two ends."""
-    (*before, last) = _trial((2.0, 0.0), (60.0, 0.018), (2.0, 0.010))
+    (*before, last) = FIRST
     found = fit_migration([[*before, replace(last, late=(0.0096, 3e-5), hold=2.0)]])
     assert found.parts == pytest.approx({"noise": 3e-5 * 2**0.5, "settling": 0.4e-3})
     assert found.standard_error == pytest.approx((2 * 3e-5**2 + 0.4e-3**2) ** 0.5)
@@ -296,10 +298,6 @@ def test_a_last_hold_that_is_too_short_to_rest_adds_its_distance_from_rest() -> 
 )
 def test_without_two_loads_that_begin_and_end_low_no_migration_is_determined(trials: list[list[Plateau]]) -> None:
     assert fit_migration(trials) is None
-
-
-FIRST = _trial((2.0, 0.0), (60.0, 0.018), (2.0, 0.010))
-LAST = _trial((2.0, 0.0105), (60.0, 0.02), (2.2, 0.012))
 
 
 @pytest.mark.parametrize(

@@ -150,13 +150,3 @@ def test_inputs_of_the_daq_are_on_its_clock_and_moved_by_the_amplifier_s_lag() -
     assert found["/emg"].values.max() == pytest.approx(2e-3)
     assert found["/emg"].time_sd == pytest.approx(0.002, rel=0.05)
     assert set(found["/analog"].values.ravel()) == {1.0}
-
-
-def test_the_force_of_a_cell_that_is_not_in_the_cord_is_not_judged() -> None:
-    tracks = recorded()
-    saturated = np.full_like(tracks["/force"].values, 10.0)
-    tracks["/force"] = replace(tracks["/force"], values=saturated)
-    assert len(laid_out(tracks)[0].time)
-    cord = replace(MANIFEST, body=BodyMarkers(LABELS, is_cord_measured=True))
-    with raises_refusal(RejectionCode.FORCE_SATURATED):
-        laid_out(tracks, cord)
