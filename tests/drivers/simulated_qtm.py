@@ -64,14 +64,21 @@ def numbers(items: list[Item]) -> list[int]:
     return [int(n) for block in blocks(items, "/markers") for n in block.sample_numbers]
 
 
+def joined(items: list[Item], stream: str) -> tuple[np.ndarray, np.ndarray]:
+    """Device time [s] (n,) and values (n, …) of everything received."""
+    found = blocks(items, stream)
+    times = np.concatenate([block.device_time_ns for block in found]) * 1e-9
+    return times, np.concatenate([block.values for block in found]).astype(float)
+
+
 def received(device: Device, frames: int) -> list[Item]:
     return read_until(device, lambda items: len(numbers(items)) >= frames)
 
 
 @contextmanager
-def opened(device: Qualisys) -> Iterator[Qualisys]:
-    device.open()
+def opened(device: Any) -> Iterator[Any]:
     try:
+        device.open()
         yield device
     finally:
         device.close()

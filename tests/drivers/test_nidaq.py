@@ -18,9 +18,9 @@ from drivers.nidaq import AnalogInput, NiDaq
 from drivers.simulators.daq_rpcs import NiDaqSimulator
 from drivers.simulators.faults import Fault
 from drivers.simulators.settings import EmgWire
-from recordings.samples import Item, Loss
+from recordings.samples import Loss
 from tests.drivers.contract import Bench, DeviceContract, blocks, is_one_sentence, raises_refusal, read_until
-from tests.drivers.simulated_qtm import EXACT_CLOCK, SYNC, WIRING, daq
+from tests.drivers.simulated_qtm import EXACT_CLOCK, SYNC, WIRING, daq, joined, opened
 from tests.drivers.stand_in_world import StandInWorld
 
 
@@ -45,27 +45,11 @@ def driver(server: NiDaqSimulator, world: StandInWorld, **options: Any) -> NiDaq
     return daq(server.port, world.utc_ns, **options)
 
 
-@contextlib.contextmanager
-def opened(device: Device) -> Iterator[Device]:
-    try:
-        device.open()
-        yield device
-    finally:
-        device.close()
-
-
 def refusal(device: Device) -> DeviceError:
     with pytest.raises(DeviceError) as caught, opened(device):
         pass
     assert is_one_sentence(caught.value)
     return caught.value
-
-
-def joined(items: list[Item], stream: str) -> tuple[np.ndarray[Any, Any], np.ndarray[Any, Any]]:
-    """Device seconds and values of everything received."""
-    received = blocks(items, stream)
-    device_s = np.concatenate([block.device_time_ns for block in received]) * 1e-9
-    return device_s, np.concatenate([block.values[:, 0] for block in received])
 
 
 class TestNiDaqKeepsTheContract(DeviceContract):
@@ -128,13 +112,13 @@ def test_force_and_sync_come_from_one_task_at_the_volts_of_the_world(
         assert np.array_equal(force.sample_numbers, sync.sample_numbers)
         assert force.host_time_ns == sync.host_time_ns
     device_s, force_v = joined(items, "/force")
-    _, sync_v = joined(items, "/sync")
+    sync_v = joined(items, "/sync")[1]
     edge = int(np.argmax(sync_v > 2.5))
     # Over device time the world's ramp rises by 10 mV/s, and at the edge it stands where the world's time says.
-    slope, at_edge = np.polyfit(device_s - device_s[edge], force_v, 1)
+    slope, at_edge = np.polyfit(device_s - device_s[edge], force_v[:, 0], 1)
     assert slope == pytest.approx(0.01, rel=1e-3)
     assert at_edge == pytest.approx(1 + 0.01 * world.edge_s, abs=1e-3)
-    assert set(np.round(sync_v)) == {0.0, 5.0}
+    assert set(np.round(sync_v[:, 0])) == {0.0, 5.0}
 
 
 def test_a_sync_line_alone_may_take_the_whole_rate(server: NiDaqSimulator, world: StandInWorld) -> None:

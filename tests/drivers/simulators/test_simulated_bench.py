@@ -18,7 +18,6 @@ from typing import Any
 import numpy as np
 import psutil
 import pytest
-from numpy.typing import NDArray
 
 from drivers.qualisys import Qualisys
 from drivers.reconnecting import make_device
@@ -29,7 +28,7 @@ from drivers.simulators.world import World
 from recordings.samples import Event, Item, Loss
 from tests.drivers.contract import blocks, read_until
 from tests.drivers.fault_bench import unaccounted
-from tests.drivers.simulated_qtm import WIRING, daq
+from tests.drivers.simulated_qtm import WIRING, daq, is_event, joined
 from tests.timeout import scaled_timeout
 
 SPEED = 30.0
@@ -61,13 +60,6 @@ def recorded(ports: dict[str, int]) -> list[Item]:
         ni.close()
         qtm.close()
     return items
-
-
-def joined(items: list[Item], stream: str) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Device time [s] and values of a whole stream."""
-    found = blocks(items, stream)
-    times = np.concatenate([block.device_time_ns for block in found]) * 1e-9
-    return times, np.concatenate([block.values for block in found]).astype(float)
 
 
 @pytest.fixture(scope="module")
@@ -218,10 +210,6 @@ def test_a_stopped_process_is_detected_on_both_wires_and_reconnected(child: Chil
         is_lost = any(isinstance(item, Loss) and item.cause == "disconnected" for item in items)
         assert is_lost or device is ni or any(is_event(item, "capture_replaced") for item in items)
     assert child.end() == 0
-
-
-def is_event(item: Item, kind: str) -> bool:
-    return isinstance(item, Event) and item.kind == kind
 
 
 def test_settings_that_cannot_be_used_end_it_with_a_sentence(child: Child) -> None:
