@@ -17,6 +17,7 @@ if __name__ == "__main__":
     print("| noise | lag covered % | correlation covered % | lag identified % | median width [ms] |")
     print("|---|---:|---:|---:|---:|")
     for noise in NOISES:
-        pairs = np.array([compare_pair(*emg_pairs(noise, settings, seed), settings) for seed in seeds], dtype=float)
+        found = [compare_pair(pair, settings) for seed in seeds for pair in emg_pairs(noise, settings, seed)]
+        pairs = np.array(found, dtype=float)
         known, lag, _, rho = (f"{100 * share:.1f}" for share in pairs.mean(axis=0))
         print(f"| {noise} | {lag} | {rho} | {known} | {1000 * np.median(pairs[:, 2]):.0f} |", flush=True)
