@@ -107,6 +107,18 @@ class Indexed:
     unreadable: dict[str, str]
 
 
+@contextmanager
+def ended_by_ctrl_c() -> Iterator[None]:
+    """DuckDB raises RuntimeError where Ctrl-C ends a statement."""
+    try:
+        yield
+    except RuntimeError as error:
+        if "interrupted" not in str(error):
+            raise
+        raise KeyboardInterrupt from error
+
+
+@ended_by_ctrl_c()
 def update_catalogue(folder: Path, path: Path, progress: Progress = silent, *, is_rebuilt: bool = False) -> Indexed:
     """Bring the catalogue at `path` up to date with the sessions below the folder. Raises CatalogueError."""
     require_folder(folder, CatalogueError)

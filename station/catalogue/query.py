@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import duckdb
 
 from documents.message import Message
-from station.catalogue.index import KEY, CatalogueError
+from station.catalogue.index import KEY, CatalogueError, ended_by_ctrl_c
 from station.messages.study_messages import CatalogueCode
 
 if TYPE_CHECKING:
@@ -59,6 +59,7 @@ def list_cuffs(path: Path, chosen: SessionFilter) -> pd.DataFrame:
     return run_sql(path, f"{LISTED} {where} ORDER BY begun_utc, session, cuff, donning", values)
 
 
+@ended_by_ctrl_c()
 def run_sql(path: Path, sql: str, values: list[object] | None = None) -> pd.DataFrame:
     """The result of one query. Raises CatalogueError for SQL that fails, is no query, or reads other files."""
     sql = sql.encode(errors="replace").decode()  # an argument that is not UTF-8 has halves of surrogate pairs
@@ -83,6 +84,7 @@ def _ensure_query(sql: str) -> None:
         raise CatalogueError(Message(CatalogueCode.NO_QUERY, {"found": f"the function {min(others)}"}))
 
 
+@ended_by_ctrl_c()
 def known_participants(path: Path) -> tuple[list[str], dict[str, dict[str, str | None]]]:
     """Codes of the subjects with a session, and the rows of participants.tsv by id."""
     with _reading(path) as connection:

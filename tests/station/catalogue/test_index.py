@@ -261,6 +261,22 @@ def test_another_database_is_not_overwritten(folder: Path, tmp_path: Path) -> No
     assert text.read_text(encoding="utf-8") == "mine"
 
 
+def test_ctrl_c_in_a_statement_is_no_error_of_the_catalogue(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def interrupt(*_: object) -> None:
+        raise RuntimeError("Query interrupted")  # by DuckDB
+
+    path = folder / CATALOGUE_FILE
+    update_catalogue(folder, path)
+    before = path.read_bytes()
+    monkeypatch.setattr("station.catalogue.index._replace_participants", interrupt)
+    with pytest.raises(KeyboardInterrupt):
+        update_catalogue(folder, path, is_rebuilt=True)
+    assert path.read_bytes() == before
+    monkeypatch.setattr("station.catalogue.query._ensure_query", interrupt)
+    with pytest.raises(KeyboardInterrupt):
+        run_sql(path, "SELECT 1")
+
+
 def test_the_verb_prints_rows_for_people_and_programs(folder: Path, station: Station) -> None:
     ran = station("catalogue", folder, "--cuff", "hand", "--subject", "P01", "--format", "json")
     assert ran.code == 0, ran.err
