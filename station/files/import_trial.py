@@ -23,7 +23,7 @@ from documents.regular_file import draft_folder, replace_file
 from fitting.errors import UnusableTrial
 from fitting.trial.clocks import find_edges
 from fitting.trial.trial import read_trials
-from recordings.errors import RecordingError
+from recordings.errors import RecordingError, WriteFailed
 from recordings.exchange.sample_tables import MarkerTable, count_samples, unit_of_times
 from recordings.manifest import LoadCell, Manifest, TrialOutcome
 from recordings.reader import read_manifest
@@ -327,11 +327,15 @@ def write_recording(
     path.parent.mkdir(parents=True, exist_ok=True)
     with ExitStack() as stack:
         draft = stack.enter_context(draft_folder(path.parent)) / path.name
-        writer = RecordingWriter(draft, manifest, streams)
-        stack.callback(writer.discard)
-        for item in items:
-            writer.write(item)
-        writer.close(outcome)
+        try:
+            writer = RecordingWriter(draft, manifest, streams)
+            stack.callback(writer.discard)
+            for item in items:
+                writer.write(item)
+            writer.close(outcome)
+        except WriteFailed as error:  # whose advice is that for a trial that is being recorded
+            figures = {"path": str(path), **because(error.__cause__ or error)}
+            raise ImportRefused(Message(ImportCode.NOT_WRITTEN, figures)) from error
         rejected = read_trials([draft])[1]
         if rejected:
             reason = {"files": files, **because(rejected[0].reason)}

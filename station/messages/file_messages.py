@@ -65,6 +65,7 @@ class ImportCode(Code, prefix="import."):
         "that both are of the same trial; if the times of {times_of} are in {unit}, export them in s"
     )
     NOT_USABLE = "{files} cannot be used: {reason}"
+    NOT_WRITTEN = "{path} could not be written: {reason}; check the disk and run the command again"
     FILE_EXISTS = "{path} exists and is not overwritten; move it to another folder"
     PARTIAL_OVERLAP = "{files} have {common_s:.2f} s in common; the rest is not used: " + _SPANS
     LAG_ASSUMED = (

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import errno
+import os
 import re
 import shutil
 from contextlib import nullcontext
@@ -16,6 +18,7 @@ from documents.message import Message
 from fitting.cuffs.cuff_fit import CuffFit
 from fitting.trial.trial import read_trial, read_trials
 from recordings.contents import read_contents
+from recordings.errors import WriteFailed
 from recordings.exchange.c3d import write_c3d
 from recordings.exchange.qtm_tsv import write_qtm_tsv
 from recordings.exchange.sample_tables import MarkerTable
@@ -442,6 +445,19 @@ def test_positions_in_another_unit_are_refused(station, truth: Truth, static: Fi
     reference = run(tmp_path / "r", static[0], truth.write_markers(tmp_path / "mm.tsv")).path
     found, expected = (read_trial(path).markers for path in (Path(ran.out.strip()), reference))
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-6)
+
+
+def test_an_import_to_a_full_disk_names_the_recording_and_leaves_none(
+    station, static: Files, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(*_: object) -> None:
+        raise WriteFailed("record the trial again") from OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr("station.files.import_trial.RecordingWriter.write", fail)
+    ran = import_by_verb(station, static, tmp_path / "s")
+    assert_refused(ran, 1, ImportCode.NOT_WRITTEN)
+    assert os.strerror(errno.ENOSPC) in ran.err and "record the trial" not in ran.err
+    assert not list((tmp_path / "s").rglob("*.mcap*"))
 
 
 def test_an_imported_bounce_calibrates_the_lag_of_trials(station, static: Files, tmp_path: Path) -> None:
