@@ -19,6 +19,8 @@ FEWEST_SAMPLED, LONGEST_STEP_S = 20, 0.5
 """Rows and median step [s] of a table that was sampled, not written by hand; a longer step is one in ms."""
 SMALLER_UNITS = (("ms", 1e3), ("µs", 1e6), ("ns", 1e9))
 """And how many of it are a second."""
+LEAST_ROWS_ALIKE = 8
+"""Of numbers with equally many decimals, from which all are written so."""
 _FILLING = " \t,;"
 _DECIMAL_COMMA = re.compile(r"[-+]?\d+,\d+(e[-+]?\d+)?", re.IGNORECASE)
 
@@ -108,6 +110,8 @@ def read_table(path: Path, *, may_have_gaps: bool = False) -> tuple[list[str], A
     if table.shape[1] != len(names):
         _ensure_points(path, given)
         _ensure_same_length(path, rows)
+    if raw[-1:] not in (b"\n", b"\r"):
+        _ensure_whole_end(path, rows)
     checked = table[:, :1] if may_have_gaps else table
     if not np.isfinite(checked).all():
         frame, column = np.argwhere(~np.isfinite(checked))[0]
@@ -186,6 +190,16 @@ def _ensure_same_length(path: Path, rows: Sequence[str]) -> None:
                 "the file may be cut",
                 SolverCode.MALFORMED_TABLE,
             )
+
+
+def _ensure_whole_end(path: Path, rows: Sequence[str]) -> None:
+    """Raise MotionError for a last number, without a line's end, that has fewer decimals than all above it: it was cut
+    to another number.
+    """
+    *above, last = (len(row.split()[-1].partition(".")[2]) for row in rows[1:])
+    if len(above) >= LEAST_ROWS_ALIKE and last < above[0] == min(above) == max(above):
+        sentence = f"{path.name} should end with {counted(above[0], 'decimal')} as in every row and ends with {last}"
+        raise MotionError(f"{sentence}; the file is cut, export it again", SolverCode.MALFORMED_TABLE)
 
 
 def _parse_header(lines: Sequence[str], path: Path) -> TableHeader:

@@ -470,6 +470,31 @@ def test_all_rows_are_read_whatever_the_header_states(tmp_path, line, stated):
     assert header == TableHeader(rows=stated)
 
 
+@pytest.mark.parametrize(
+    ("above", "end", "last"),
+    [
+        (8, "3.25\n", 3.25),
+        (8, "3.25", 3.25),
+        (8, "3.2", None),
+        (8, "3", None),
+        (8, "3.2\n", 3.2),
+        (7, "3.2", 3.2),  # too few rows to know how numbers are written
+        (0, "3.2", 3.2),
+    ],
+)
+def test_a_last_number_that_was_cut_is_no_other_number(tmp_path, above: int, end: str, last: float | None) -> None:
+    path = tmp_path / "m.sto"
+    rows = "".join(f"{row / 100}\t{row}.25\n" for row in range(above))
+    path.write_text(f"m\nendheader\ntime\ta\n{rows}0.50\t{end}")
+    if last is None:
+        with raises_refusal(SolverCode.MALFORMED_TABLE, naming="2 decimals"):
+            read_table(path)
+    else:
+        assert read_table(path)[1][-1, 1] == last
+    path.write_text(path.read_text().replace("0\t0.25", "0\t0.5"))  # decimals differ, as written by %g
+    assert read_table(path)[1][-1, 1] == float(end)
+
+
 @pytest.mark.parametrize("encoding", ["utf-16", "utf-16-le", "utf-16-be", "utf-32"])
 @pytest.mark.parametrize("name", ["m.sto", "m.csv"])
 def test_a_table_in_utf16_is_refused_with_its_encoding(tmp_path, name: str, encoding: str) -> None:
