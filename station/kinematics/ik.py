@@ -179,8 +179,17 @@ def _time_range(inputs: IkInputs, setup: IkSetup | None) -> tuple[tuple[float, f
     low, high = setup.time_range if setup else (-math.inf, math.inf)
     first, last = low if inputs.start is None else inputs.start, high if inputs.end is None else inputs.end
     is_overridden = (math.isfinite(low) and first != low) or (math.isfinite(high) and last != high)
-    figures = {"setup_range_s": f"{low:g} to {high:g}", "range_s": f"{first:g} to {last:g}"}
+    figures = {"setup_range": range_text(low, high), "range": range_text(first, last)}
     return (first, last), (Message(KinematicsCode.OTHER_RANGE, figures),) if is_overridden else ()
+
+
+def range_text(first: float, last: float) -> str:
+    """A range of time [s] that may be open at an end: `from 0.5 to 2 s`, `from 0.5 s on`, `up to 2 s`."""
+    if math.isinf(first) and math.isinf(last):
+        return "of all times"
+    if math.isinf(last):
+        return f"from {first:g} s on"
+    return f"up to {last:g} s" if math.isinf(first) else f"from {first:g} to {last:g} s"
 
 
 def frames_in(
@@ -191,8 +200,8 @@ def frames_in(
     kept = (table.time_s >= first - 1e-6) & (table.time_s <= last + 1e-6)
     if not kept.any():
         raise MotionError(
-            f"{file.name} lasts from {table.time_s[0]:g} to {table.time_s[-1]:g} s and has no frame between {first:g} "
-            f"and {last:g} s; correct {named_by}",
+            f"{file.name} lasts from {table.time_s[0]:g} to {table.time_s[-1]:g} s and has no frame "
+            f"{range_text(first, last)}; correct {named_by}",
             SolverCode.NO_FRAMES,
         )
     return np.asarray(kept)

@@ -178,7 +178,7 @@ class KinematicsCode(Code):
     )
     OTHER_RANGE = (
         "setup.time_range_overridden",
-        "--from and --to override the set-up's time_range, {setup_range_s} s: frames from {range_s} s are solved",
+        "--from and --to override the set-up's time_range, {setup_range}: frames {range} are solved",
     )
     UNUSED_ELEMENTS = "setup.unused_elements", "{file} has elements that are not used: {elements}"
     NOT_IN_MODEL = (

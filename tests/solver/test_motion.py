@@ -479,7 +479,6 @@ def test_all_rows_are_read_whatever_the_header_states(tmp_path, line, stated):
         (8, "3", None),
         (8, "3.2\n", 3.2),
         (7, "3.2", 3.2),  # too few rows to know how numbers are written
-        (0, "3.2", 3.2),
     ],
 )
 def test_a_last_number_that_was_cut_is_no_other_number(tmp_path, above: int, end: str, last: float | None) -> None:

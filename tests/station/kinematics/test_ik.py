@@ -99,6 +99,17 @@ def test_a_smoothed_trial_comes_with_speeds_and_accelerations(tmp_path: Path, st
         solve_postures(IkInputs("bundled", tmp_path / "trial.trc", None, start=0.1, end=0.1, is_smoothed=True))
 
 
+@pytest.mark.parametrize(
+    ("start", "end", "text"), [(5.0, None, "from 5 s on"), (None, -1.0, "up to -1 s"), (5.0, 6.0, "from 5 to 6 s")]
+)
+def test_a_range_without_a_frame_is_named_as_it_was_given(
+    start: float | None, end: float | None, text: str, tmp_path: Path
+) -> None:
+    trial(tmp_path)
+    with raises_refusal(SolverCode.NO_FRAMES, kind=MotionError, naming=f"no frame {text};"):
+        solve_postures(IkInputs("bundled", tmp_path / "trial.trc", None, start=start, end=end))
+
+
 def test_the_set_up_names_the_markers_and_the_time(tmp_path: Path, station: Station) -> None:
     trial(tmp_path)
     names = [marker.name for marker in MODEL.markers]
@@ -169,8 +180,8 @@ def test_a_frame_without_markers_is_left_out_reported_and_code_3(tmp_path: Path,
         (f"<IKMarkerTask file='{100_000 * 'A'}.xml'/>", (), "[model_unusable.unreadable_file]"),
         (TASK.format(name="C7", weight="nan"), (), "[model_unusable.malformed_element]"),
         (TASK.format(name="C7", weight=0), (), "[model_unusable.no_markers_in_common]"),
-        (TASK.format(name="of no model", weight=1), ("--from", "5"), "no frame between 5 and 9 s"),
-        (TASK.format(name="of no model", weight=1), ("--from", "10"), "no frame between 10 and 9 s"),
+        (TASK.format(name="of no model", weight=1), ("--from", "5"), "no frame from 5 to 9 s"),
+        (TASK.format(name="of no model", weight=1), ("--from", "10"), "no frame from 10 to 9 s"),
         (TASK.format(name="of no model", weight=1), ("--from", "5", "--to", "4"), "should be before the end 4 s"),
         ('<IKCoordinateTask name="x"><weight>-2</weight></IKCoordinateTask>', (), "[model_unusable.not_positive]"),
         ('<IKCoordinateTask name="x"><value_type>guessed</value_type></IKCoordinateTask>', (), "value_type guessed"),
