@@ -112,7 +112,7 @@ def test_the_time_range_that_opensim_writes_unset_is_the_whole_trial(tmp_path: P
         ({"pairs": ""}, "has no pair of markers"),
         ({"pairs": PAIR.format(one="missing", other="absent")}, "needs the marker missing"),
         ({"pairs": PAIR.format(one="missing", other="missing")}, "should name two markers"),
-        ({"range": "5 9"}, "no frame between 5 and 9 s"),
+        ({"range": "5 9"}, "no frame from 5 to 9 s"),
     ],
 )
 def test_a_wrong_set_up_is_one_sentence(parts: dict[str, str], said: str, tmp_path: Path, station: Station) -> None:
