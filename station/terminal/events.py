@@ -198,7 +198,7 @@ class TrialSkipped(Event):
 
 
 @dataclass(frozen=True)
-class PlannedTrial(Event):
+class PlannedTrial:
     """number counts from 1 in the plan, and is that of the commands."""
 
     number: int
@@ -207,7 +207,7 @@ class PlannedTrial(Event):
 
 
 @dataclass(frozen=True)
-class PlanListed:
+class PlanListed(Event):
     """Every trial of the plan, in its order."""
 
     event: ClassVar[str] = "plan"
