@@ -22,26 +22,12 @@ from station.journal import Recorded, read_journal, write_recorded, write_verdic
 from station.messages.bench_messages import RefusalCode, TrialCode
 from station.messages.session_messages import CommandCode
 from station.session.trial_runner import TrialProcess
-from station.terminal.events import (
-    CommandAnswered,
-    Decided,
-    Event,
-    NextTrial,
-    PlanListed,
-    SessionClosed,
-    SessionOpened,
-    StateChanged,
-    SummaryStarted,
-    TrialEnded,
-    VerdictGiven,
-    Waiting,
-    WarningRaised,
-)
+from station.terminal import events
 from station.terminal.sequencer import SessionSequencer
 from tests.station.console.served import write_config
 from tests.station.terminal.practice import SETUP, Answer, ScriptedOutput, lead, remote_bench
 
-Told = Callable[[Event], bool]
+Told = Callable[[events.Event], bool]
 Rule = tuple[Told, str | Callable[[], object]]
 
 
@@ -52,11 +38,11 @@ def nth(number: int, is_such: Told) -> Told:
 
 
 def is_decided(number: int, choice: str = "accept") -> Told:
-    return nth(number, lambda event: isinstance(event, Decided) and event.choice == choice)
+    return nth(number, lambda event: isinstance(event, events.Decided) and event.choice == choice)
 
 
 def refused(number: int) -> Told:
-    return nth(number, lambda event: isinstance(event, CommandAnswered) and event.is_refused)
+    return nth(number, lambda event: isinstance(event, events.CommandAnswered) and event.is_refused)
 
 
 def answers(*rules: Rule) -> Answer:
@@ -66,10 +52,10 @@ def answers(*rules: Rule) -> Answer:
     """
     waiting = list(rules)
 
-    def answer(event: Event) -> str | None:
-        if isinstance(event, SummaryStarted):
+    def answer(event: events.Event) -> str | None:
+        if isinstance(event, events.SummaryStarted):
             return "end"
-        if isinstance(event, Waiting) and event.what == "start":
+        if isinstance(event, events.Waiting) and event.what == "start":
             return "arm"
         fitting = [rule for rule in waiting if rule[0](event)]  # every rule is evaluated: some count
         for rule in fitting[:1]:
@@ -84,23 +70,25 @@ def answers(*rules: Rule) -> Answer:
 
 def is_in(state: str, number: int = 1) -> Told:
     """The n-th time that a trial is in this state."""
-    return nth(number, lambda event: isinstance(event, StateChanged) and event.state == state)
+    return nth(number, lambda event: isinstance(event, events.StateChanged) and event.state == state)
 
 
 def warned(code: str) -> Told:
-    return lambda event: isinstance(event, WarningRaised) and event.code == code
+    return lambda event: isinstance(event, events.WarningRaised) and event.code == code
 
 
 @pytest.mark.slow
 def test_a_plan_is_recorded_judged_and_kept_with_arm_as_the_only_command(tmp_path: Path) -> None:
     with remote_bench(tmp_path / "bench") as (bench, config):
         output = lead(bench, config, tmp_path / "simulated" / "monday", answers())
-    assert [trial.test for trial in output.of(NextTrial)] == ["static", "dynamic"]
-    assert output.of(NextTrial)[0].order == "Don the hand cuff, rope slack"
-    assert [(one.choice, one.by) for one in output.of(Decided)] == [("accept", "station")] * 2
-    (stiffness,) = [figure for figure in output.of(VerdictGiven)[0].figures if figure.quantity == "stiffness_n_per_m"]
+    assert [trial.test for trial in output.of(events.NextTrial)] == ["static", "dynamic"]
+    assert output.of(events.NextTrial)[0].order == "Don the hand cuff, rope slack"
+    assert [(one.choice, one.by) for one in output.of(events.Decided)] == [("accept", "station")] * 2
+    (stiffness,) = [
+        figure for figure in output.of(events.VerdictGiven)[0].figures if figure.quantity == "stiffness_n_per_m"
+    ]
     assert stiffness.low < 8520 < stiffness.high, "what the simulated hand cuff has"
-    assert output.of(SessionClosed)[0].done == 2
+    assert output.of(events.SessionClosed)[0].done == 2
     journal = read_journal(tmp_path / "simulated" / "monday")
     assert [journal.verdicts[recorded.file].choice for recorded in journal.recorded] == ["accept", "accept"]
 
@@ -113,20 +101,20 @@ def test_commands_of_the_operator_are_executed_and_stored_in_the_journal(tmp_pat
         (refused(1), "redo the cuff sat askew"),  # which loses the migration
         (refused(2), "redon the cuff sat askew"),
         (is_decided(1, "redo"), "pause"),
-        (lambda event: isinstance(event, Waiting) and event.what == "pause", "arm"),
+        (lambda event: isinstance(event, events.Waiting) and event.what == "pause", "arm"),
         (is_decided(2), "skip"),
     )
     with remote_bench(tmp_path / "bench") as (bench, config):
         output = lead(bench, config, tmp_path / "simulated" / "monday", script)
-    codes = [answer.code for answer in output.of(CommandAnswered)]
+    codes = [answer.code for answer in output.of(events.CommandAnswered)]
     assert codes == [CommandCode.REASON_MISSING, CommandCode.LOSES_MIGRATION]
-    orders = [trial.order for trial in output.of(NextTrial)]
+    orders = [trial.order for trial in output.of(events.NextTrial)]
     assert orders[-2:] == ["Don the hand cuff, rope slack", "Rope slack, wearer at ease"]
     journal = read_journal(tmp_path / "simulated" / "monday")
     assert journal.donnings == {"hand": 1} and [spec.test for spec in journal.skipped] == ["dynamic"]
     assert list(journal.redone.values()) == ["the cuff sat askew"]
     assert [(one.test, one.donning) for one in journal.recorded] == [("static", "1"), ("static", "2")]
-    closed = output.of(SessionClosed)[0]
+    closed = output.of(events.SessionClosed)[0]
     assert (closed.done, closed.skipped, closed.is_complete) == (1, 1, False), "ended while it was summed up"
 
 
@@ -137,18 +125,18 @@ def test_a_recording_with_reasons_to_redo_waits_for_a_decision_here_or_elsewhere
     def judge() -> None:
         write_verdict(folder, read_journal(folder).recorded[0].file, "redo", "stopped by mistake")
 
-    def waits(event: Event) -> bool:
-        return isinstance(event, Waiting) and event.what == "decision"
+    def waits(event: events.Event) -> bool:
+        return isinstance(event, events.Waiting) and event.what == "decision"
 
     with remote_bench(tmp_path / "bench") as (bench, config):
         script = answers(
             (is_in("recording"), "stop"),
             (waits, judge),
-            (lambda event: isinstance(event, Decided) and event.by == "elsewhere", "end"),
+            (lambda event: isinstance(event, events.Decided) and event.by == "elsewhere", "end"),
         )
         output = lead(bench, config, folder, script)
-    assert output.of(VerdictGiven)[0].advice == "redo" and output.of(VerdictGiven)[0].reasons
-    (decided,) = output.of(Decided)
+    assert output.of(events.VerdictGiven)[0].advice == "redo" and output.of(events.VerdictGiven)[0].reasons
+    (decided,) = output.of(events.Decided)
     assert (decided.choice, decided.reason, decided.by) == ("redo", "stopped by mistake", "elsewhere")
 
 
@@ -168,9 +156,9 @@ def test_a_device_missing_between_two_trials_is_named_and_the_session_continues(
             (warned("not_ready"), lambda: bench.request({"pause_s": 21.0})),
         )
         output = lead(bench, config, tmp_path / "simulated" / "monday", script)
-    (warning,) = [event for event in output.of(WarningRaised) if event.code == "not_ready"]
+    (warning,) = [event for event in output.of(events.WarningRaised) if event.code == "not_ready"]
     assert words in warning.sentence and "\n" not in warning.sentence
-    assert output.of(SessionClosed)[0].done == 2
+    assert output.of(events.SessionClosed)[0].done == 2
 
 
 def test_the_plan_is_reordered_and_any_trial_skipped_or_redone_by_its_number(tmp_path: Path) -> None:
@@ -183,17 +171,20 @@ def test_the_plan_is_reordered_and_any_trial_skipped_or_redone_by_its_number(tmp
         write_verdict(folder, f"{test}.mcap", "accept", "")
     commands = iter(["next #4", "skip #3", "redo #2 the rope was caught", "trials", "next #1", "redo #9 it slipped"])
 
-    def answer(event: Event) -> str | None:
-        if isinstance(event, CommandAnswered | Waiting | PlanListed):
+    def answer(event: events.Event) -> str | None:
+        if isinstance(event, events.CommandAnswered | events.Waiting | events.PlanListed):
             return next(commands, "end")
         return None
 
     output = lead(None, load_config(write_config(tmp_path)), folder, answer, setup)
-    assert [trial.number for trial in output.of(NextTrial)] == [3, 4, 4, 4]
-    assert [(one.file, one.reason) for one in output.of(Decided)] == [("dynamic.mcap", "the rope was caught")]
-    (listed,) = output.of(PlanListed)
+    assert [trial.number for trial in output.of(events.NextTrial)] == [3, 4, 4, 4]
+    assert [(one.file, one.reason) for one in output.of(events.Decided)] == [("dynamic.mcap", "the rope was caught")]
+    (listed,) = output.of(events.PlanListed)
     assert [trial.state for trial in listed.trials] == ["kept", "to come", "skipped", "next"]
-    assert [refused.code for refused in output.of(CommandAnswered)] == [CommandCode.NOT_LEFT, CommandCode.NO_SUCH_TRIAL]
+    assert [refused.code for refused in output.of(events.CommandAnswered)] == [
+        CommandCode.NOT_LEFT,
+        CommandCode.NO_SUCH_TRIAL,
+    ]
 
 
 @pytest.fixture
@@ -214,9 +205,9 @@ def test_a_session_ends_if_its_folder_is_not_for_the_data_of_these_devices(
 ) -> None:
     """Every further attempt would be refused, too."""
     output = refused_by(RefusalCode.SIMULATED_DEVICES)
-    (warning,) = output.of(WarningRaised)
+    (warning,) = output.of(events.WarningRaised)
     assert (warning.cause, warning.retry_s) == (RefusalCode.SIMULATED_DEVICES, None)
-    assert output.events[-1] == output.of(SessionClosed)[0]
+    assert output.events[-1] == output.of(events.SessionClosed)[0]
 
 
 def test_a_session_without_operator_ends_if_a_device_is_missing_for_ten_minutes(
@@ -230,20 +221,20 @@ def test_a_session_without_operator_ends_if_a_device_is_missing_for_ten_minutes(
         await asyncio.sleep(0)
 
     monkeypatch.setattr("station.terminal.sequencer.POLL_S", 0.001)
-    output = refused_by(DeviceCode.NO_ANSWER, (lambda event: isinstance(event, SessionOpened), ""), wait=wait)
+    output = refused_by(DeviceCode.NO_ANSWER, (lambda event: isinstance(event, events.SessionOpened), ""), wait=wait)
     assert waits[:5] == [2.0, 4.0, 8.0, 15.0, 15.0]
     assert 500.0 < sum(waits) < 600.0
-    warnings = output.of(WarningRaised)
+    warnings = output.of(events.WarningRaised)
     assert [warning.retry_s for warning in warnings] == [15.0] * 10 + [None]
     assert {warning.cause for warning in warnings} == {DeviceCode.NO_ANSWER}
-    assert not output.of(SessionClosed)[0].is_complete
+    assert not output.of(events.SessionClosed)[0].is_complete
 
 
 def test_a_recorded_trial_whose_result_cannot_be_read_is_not_tried_again(
     refused_by: Callable[..., ScriptedOutput],
 ) -> None:
     output = refused_by(RefusalCode.UNREADABLE_MESSAGE, (warned("telemetry_unread"), "end"))
-    (warning,) = output.of(WarningRaised)
+    (warning,) = output.of(events.WarningRaised)
     assert (warning.code, warning.cause) == ("telemetry_unread", RefusalCode.UNREADABLE_MESSAGE)
 
 
@@ -260,8 +251,8 @@ def test_a_missed_edge_is_reported_and_the_trial_is_armed_again(tmp_path: Path) 
             clock.__enter__()
             held.set()
 
-        def is_armed_again(event: Event) -> bool:
-            return held.is_set() and isinstance(event, StateChanged) and event.state == "armed"
+        def is_armed_again(event: events.Event) -> bool:
+            return held.is_set() and isinstance(event, events.StateChanged) and event.state == "armed"
 
         def start() -> None:
             clock.step()  # the sync line is low while the trial is armed
@@ -270,9 +261,9 @@ def test_a_missed_edge_is_reported_and_the_trial_is_armed_again(tmp_path: Path) 
 
         script = answers((warned("not_recorded"), hold), (is_armed_again, start), (is_decided(1), "end"))
         output = lead(bench, config, tmp_path / "simulated" / "monday", script)
-    (missed,) = output.of(WarningRaised)
+    (missed,) = output.of(events.WarningRaised)
     assert (missed.code, missed.cause) == ("not_recorded", TrialCode.NO_SYNC_EDGE_LOW)
-    assert [ended.accepted for ended in output.of(TrialEnded)] == [True]
+    assert [ended.accepted for ended in output.of(events.TrialEnded)] == [True]
 
 
 @pytest.mark.slow
@@ -288,8 +279,8 @@ def test_an_unplanned_capture_is_reported_and_not_recorded(tmp_path: Path) -> No
 
         script = answers((is_in("idle"), mocap.start), (warned("capture_running"), restart), (is_decided(1), "end"))
         output = lead(bench, config, tmp_path / "simulated" / "monday", script)
-    assert [warning.code for warning in output.of(WarningRaised)] == ["capture_running"]
-    (ended,) = output.of(TrialEnded)
+    assert [warning.code for warning in output.of(events.WarningRaised)] == ["capture_running"]
+    (ended,) = output.of(events.TrialEnded)
     assert ended.accepted and ended.codes == (TrialCode.CAPTURE_ENDED,)
     (recorded,) = read_journal(tmp_path / "simulated" / "monday").recorded
     frames = open_recording(tmp_path / "simulated" / "monday" / recorded.file).load("/markers").sample_numbers
