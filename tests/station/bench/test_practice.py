@@ -75,7 +75,7 @@ def test_a_trial_that_arms_in_the_middle_of_a_capture_records_the_next_one_whole
 ) -> None:
     bench = simulated_bench(bounce=BOUNCE)
     bench.world.select_trial(None, "bounce")
-    bench.world.start_capture()
+    end = bench.world.start_capture().end
     bench.clock.advance(into_the_capture_s)
     codes: set[TrialCode] = set()
 
@@ -93,6 +93,7 @@ def test_a_trial_that_arms_in_the_middle_of_a_capture_records_the_next_one_whole
     assert open_recording(result.path).load("/markers").sample_numbers[0] == 1
     assert open_recording(result.path).load("/sync").values[0] < 0.5, "nothing of the earlier capture is in the file"
     assert station("info", result.path).code == 0
+    assert bench.world.capture.start - end >= Settings().operator.delay_s, "the simulated operator takes his time"
 
 
 def test_the_calibration_of_the_readme_s_walk_is_used_by_the_fit(
@@ -138,17 +139,6 @@ def test_record_uses_the_clock_of_the_simulated_bench_of_its_configuration_only(
     for clock in (other.ports["clock"], bench.ports["qtm"]):
         (tmp_path / "station.toml").write_text(CONFIG.format(**{**bench.ports, "clock": clock}))
         assert not is_served_by_simulator(load_config(tmp_path / "station.toml")), "another program answers there"
-
-
-def test_the_simulated_operator_begins_the_next_capture_seconds_after_the_last(
-    simulated_bench: MakeBench, tmp_path: Path
-) -> None:
-    bench = simulated_bench(bounce=BOUNCE)
-    bench.world.select_trial(None, "bounce")
-    end = bench.world.start_capture().end
-    with BenchClock(bench.ports["clock"]) as clock:
-        TrialRecorder(config_at(bench.ports, bounce=WEIGHT), clock).record(tmp_path, TrialSpec(None, "bounce", 1))
-    assert bench.world.capture.start - end >= Settings().operator.delay_s
 
 
 def test_the_simulated_bench_has_the_wiring_of_the_configuration_unless_its_own_section_overrides_it() -> None:

@@ -116,18 +116,16 @@ def test_simulated_devices_are_not_recorded_among_measured_sessions(running: Run
 
 
 @pytest.mark.parametrize(("is_simulated", "origin"), [(True, "simulated"), (False, "measured"), (None, "unknown")])
-def test_the_origin_of_a_trial_is_that_of_its_devices(tmp_path: Path, is_simulated: bool | None, origin: str) -> None:
-    assert open_recording(record(tmp_path / "simulated", is_simulated)).manifest.origin == origin
-
-
-@pytest.mark.parametrize("first", [True, False])
-def test_measured_and_simulated_trials_do_not_share_a_session(tmp_path: Path, first: bool) -> None:
+def test_the_origin_of_a_trial_is_that_of_its_devices_and_of_all_trials_of_its_session(
+    tmp_path: Path, is_simulated: bool | None, origin: str
+) -> None:
     folder = tmp_path / "simulated"
-    record(folder, first)
-    with raises_refusal(RefusalCode.MIXED_ORIGIN, kind=TrialRefused):
-        record(folder, not first)
-    record(folder, first, "dynamic")
-    assert len(list(folder.glob("*.mcap"))) == 2
+    assert open_recording(record(folder, is_simulated)).manifest.origin == origin
+    if is_simulated is not None:
+        with raises_refusal(RefusalCode.MIXED_ORIGIN, kind=TrialRefused):
+            record(folder, not is_simulated)
+        record(folder, is_simulated, "dynamic")
+        assert len(list(folder.glob("*.mcap"))) == 2
 
 
 def test_one_simulated_device_makes_a_simulated_trial() -> None:
