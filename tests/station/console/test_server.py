@@ -116,7 +116,8 @@ def test_requests_of_other_sites_and_those_without_the_token_are_rejected(
 
 
 def test_a_websocket_needs_the_cookie_and_the_lifespan_of_the_server_is_passed_on() -> None:
-    assert not _request(TOKEN, "websocket", ELSEWHERE, f"token={TOKEN}")[0]
+    closed = {"type": "websocket.close", "code": 1008}
+    assert _request(TOKEN, "websocket", ELSEWHERE, f"token={TOKEN}") == (False, closed)
     assert _request(TOKEN, "lifespan", {})[0]
 
 
