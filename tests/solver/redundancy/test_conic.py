@@ -15,8 +15,7 @@ from solver.redundancy.effort import ActivationCost, RedundancyOptions
 from solver.redundancy.mechanics import evaluate_motion
 from solver.redundancy.motion_solution import solve_motion
 from solver.redundancy.problem import FrameOutcome, RedundancyProblem, build_redundancy
-from solver.redundancy.sequence import solve_redundancy, solve_sequence, solve_sequence_with_clarabel
-from tests.solver.redundancy.test_interior_point import random_sequence, silent, violation
+from solver.redundancy.sequence import solve_redundancy
 from tests.solver.redundancy.test_motion_solution import CONE_ALONG_Y, two_muscles
 
 MODEL = bundled_model()
@@ -132,22 +131,6 @@ def test_effort_counts_cubes_of_muscles_and_squares_of_reserves():
     problem = replace(two_muscles([[1.0, 1.0]]), exponent=3)
     np.testing.assert_allclose(problem.effort.terms(np.array([0.5, 0.1, 0.2])), [0.125, 0.001, 10 * 0.04])
     np.testing.assert_allclose(problem.effort.terms(np.array([0.5, 0.1])), [0.125, 0.001])
-
-
-@pytest.mark.parametrize("cone", [3, 0])
-@pytest.mark.parametrize("reach", [0.3, 1.0])
-@pytest.mark.parametrize("seed", range(6))
-def test_random_problems_agree_with_the_cones_of_clarabel(seed, reach, cone):
-    sequence = replace(random_sequence(seed, reach=reach, cone=cone), exponent=3)
-    (controls, outcomes), (reference, known) = (
-        solve(sequence, silent) for solve in (solve_sequence, solve_sequence_with_clarabel)
-    )
-    assert (outcomes == FrameOutcome.SOLVED).all()
-    is_known = known == FrameOutcome.SOLVED
-    assert is_known.mean() > 0.8
-    effort, expected = (sequence.effort.terms(x).sum(axis=-1) for x in (controls, reference))
-    np.testing.assert_allclose(effort[is_known], expected[is_known], rtol=1e-4, atol=1e-6)
-    assert violation(sequence, controls) < 1e-8
 
 
 @pytest.mark.parametrize("frame", range(len(SLOW.time)))

@@ -9,7 +9,7 @@ from scipy.optimize import minimize
 from solver.bundled import bundled_model, simulate_arm_raise
 from solver.errors import SolverCode
 from solver.model import Array, Model
-from solver.motion import Kinematics, decimate, differentiate
+from solver.motion import decimate, differentiate
 from solver.multibody.dynamics import response_to_loads
 from solver.muscle import MuscleOutcome
 from solver.redundancy.effort import RedundancyOptions, Reserve, Solver, static_optimisation, with_reserves
@@ -22,17 +22,12 @@ from tests.refusals import raises_refusal
 MODEL = bundled_model()
 MOTION = differentiate(simulate_arm_raise(MODEL), start=1.0, end=1.3)
 STRENGTH = np.array([muscle.max_isometric_force for muscle in MODEL.muscles])
-ROWS = ("time", "positions", "speeds", "accelerations")
 ELASTIC = RedundancyOptions(tendons="elastic")
 
 
 @pytest.fixture(scope="module")
 def solved():  # type: ignore[no-untyped-def]
     return solve_motion(MODEL, MOTION, ELASTIC)
-
-
-def first_frames(count: int) -> Kinematics:
-    return replace(MOTION, **{name: getattr(MOTION, name)[:count] for name in ROWS})
 
 
 def produced(model: Model, motion, forces: Array, reserves: Array) -> tuple[Array, Array]:  # type: ignore[no-untyped-def]
@@ -107,7 +102,7 @@ def test_other_ways_to_solve_find_the_same() -> None:
     for reserve, exponent in ((Reserve(1.0, -20.0, 20.0), 2), (Reserve(1.0, -20.0), 2), (Reserve(1.0), 3)):
         model, options = with_reserves(MODEL, {"shoulder_elv": reserve}), replace(ELASTIC, exponent=exponent)
         ours, theirs = (
-            solve_motion(model, first_frames(3), replace(options, solver=solver))
+            solve_motion(model, MOTION.cut(slice(0, 3)), replace(options, solver=solver))
             for solver in ("interior_point", "clarabel")
         )
         assert ours.unsolved == theirs.unsolved == 0
@@ -120,7 +115,7 @@ def test_after_a_frame_that_is_not_finite_fibres_start_anew() -> None:
     found = solve_motion(MODEL, replace(MOTION, positions=positions), ELASTIC)
     assert found.outcomes[3] is FrameOutcome.NOT_FINITE and found.unsolved == 1
     assert np.isnan(found.muscle_forces[3]).all() and np.isnan(found.activations[3]).all()
-    rest = replace(MOTION, **{k: getattr(MOTION, k)[4:] for k in ROWS})
+    rest = MOTION.cut(slice(4, None))
     np.testing.assert_allclose(found.activations[4:], solve_motion(MODEL, rest, ELASTIC).activations, rtol=0, atol=1e-6)
 
 
@@ -134,7 +129,7 @@ def test_a_frame_beyond_the_muscles_is_infeasible_and_fibres_start_anew_in_the_n
     Muscles that have rested are slack, and would need many frames to pull again, all of them infeasible.
     """
     limited = with_reserves(MODEL, {"shoulder_elv": Reserve(1.0, -1.0, 1.0)})
-    motion = first_frames(5)
+    motion = MOTION.cut(slice(0, 5))
     accelerations = motion.accelerations.copy()
     accelerations[2, MODEL.coordinate_index("shoulder_elv")] += missing
     found = solve_motion(limited, replace(motion, accelerations=accelerations), replace(ELASTIC, solver=solver))
@@ -145,7 +140,7 @@ def test_a_frame_beyond_the_muscles_is_infeasible_and_fibres_start_anew_in_the_n
     assert 0.01 * missing < found.equality_residual[2] < np.inf
     assert np.isfinite(found.reaction).all()
     assert np.isfinite(found.muscle_forces[3:]).all()
-    rest = replace(motion, **{name: getattr(motion, name)[3:] for name in ROWS})
+    rest = motion.cut(slice(3, None))
     expected = solve_motion(limited, rest, replace(ELASTIC, solver=solver))
     np.testing.assert_allclose(found.activations[3:], expected.activations, rtol=0, atol=1e-6)
     np.testing.assert_allclose(found.fibers.fiber_lengths[3:], expected.fibers.fiber_lengths, rtol=0, atol=1e-8)

@@ -59,21 +59,24 @@ def violation(sequence, controls):
     return max(gaps)
 
 
-def effort(sequence, controls):
-    return (sequence.weights * controls**2).sum(axis=-1)
+def by_both(sequence):
+    """Controls and outcomes of the compiled solver, and of Clarabel."""
+    return (solve(sequence, silent) for solve in (solve_sequence, solve_sequence_with_clarabel))
 
 
 @pytest.mark.parametrize("cone", [3, 0])
 @pytest.mark.parametrize("reach", [0.3, 1.0])
-@pytest.mark.parametrize("seed", SEEDS)
-def test_effort_is_that_of_clarabel_and_rows_are_met(seed, reach, cone):
-    sequence = random_sequence(seed, reach=reach, cone=cone)
-    (controls, outcomes), (reference, known) = (
-        solve(sequence, silent) for solve in (solve_sequence, solve_sequence_with_clarabel)
-    )
+@pytest.mark.parametrize(("exponent", "seed"), [*((2, seed) for seed in SEEDS), *((3, seed) for seed in range(6))])
+def test_effort_is_that_of_clarabel_and_rows_are_met(exponent, seed, reach, cone):
+    sequence = replace(random_sequence(seed, reach=reach, cone=cone), exponent=exponent)
+    (controls, outcomes), (reference, known) = by_both(sequence)
     assert (outcomes == FrameOutcome.SOLVED).all()
-    assert (known == FrameOutcome.SOLVED).all()
-    np.testing.assert_allclose(effort(sequence, controls), effort(sequence, reference), rtol=1e-6, atol=1e-7)
+    is_known = known == FrameOutcome.SOLVED
+    assert is_known.all() if exponent == 2 else is_known.mean() > 0.8  # cubes are hard for Clarabel
+    powers = np.array([exponent] * 10 + [2] * 5)
+    effort, expected = ((sequence.weights * x**powers).sum(axis=-1)[is_known] for x in (controls, reference))
+    rtol, atol = {2: (1e-6, 1e-7), 3: (1e-4, 1e-6)}[exponent]
+    np.testing.assert_allclose(effort, expected, rtol=rtol, atol=atol)
     assert violation(sequence, controls) < 1e-8
 
 
@@ -97,9 +100,7 @@ def test_a_cone_out_of_reach_is_infeasible_and_missed_by_as_little_as_can_be(see
     lifted[0, 1, 3] -= distance  # more than muscles between their bounds can make good
     sequence = replace(sequence, reaction_at_rest=lifted, weights=np.array([1.0] * 15))
     sequence = replace(sequence, reaction_matrix=np.where(np.arange(15) < 10, sequence.reaction_matrix, 0))
-    (controls, outcomes), (reference, known) = (
-        solve(sequence, silent) for solve in (solve_sequence, solve_sequence_with_clarabel)
-    )
+    (controls, outcomes), (reference, known) = by_both(sequence)
     np.testing.assert_array_equal(outcomes, known)
     assert outcomes[0, 1] is FrameOutcome.INFEASIBLE
     assert (np.delete(outcomes.ravel(), 1) == FrameOutcome.SOLVED).all()
@@ -160,8 +161,7 @@ def test_limited_actuators_and_activations_are_solved_as_by_clarabel(seed):
     inner[:, :2] = least - 0.1 * (greatest - least), greatest - 0.1 * (greatest - least)
     activations = np.repeat([[0.01], [0.8]], 10, axis=1)
     limited = replace(sequence, control_limits=inner, activation_limits=activations)
-    ours, outcomes = solve_sequence(limited, silent)
-    theirs, expected = solve_sequence_with_clarabel(limited, silent)
+    (ours, outcomes), (theirs, expected) = by_both(limited)
     np.testing.assert_array_equal(outcomes, expected)
     is_solved = outcomes == FrameOutcome.SOLVED
     np.testing.assert_allclose(ours[is_solved], theirs[is_solved], atol=1e-4)

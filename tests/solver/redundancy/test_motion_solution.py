@@ -21,11 +21,11 @@ from solver.redundancy import motion_solution as motion_module
 from solver.redundancy.effort import RedundancyOptions, Reserve, with_reserves
 from solver.redundancy.mechanics import angle_between, evaluate_motion, glenoid_cone
 from solver.redundancy.motion_solution import MotionSolution, solve_motion
-from solver.redundancy.problem import FrameOutcome, LoadResponse, RedundancyProblem, build_redundancy
+from solver.redundancy.problem import FrameOutcome, LoadResponse, build_redundancy
 from solver.redundancy.sequence import solve_redundancy, solve_sequence, solve_sequence_with_clarabel
 from tests.refusals import raises_refusal
 from tests.solver.redundancy.test_interior_point import random_sequence
-from tests.solver.redundancy.test_problem import with_a_singular_elbow
+from tests.solver.redundancy.test_problem import problem_of, with_a_singular_elbow
 
 MODEL = bundled_model()
 SLOW = decimate(differentiate(simulate_arm_raise(MODEL)), 40)
@@ -51,23 +51,11 @@ def two_muscles(target, interval=1.0, cone=None):
 
     The reaction is (muscle 1, muscle 2, 0) in the force's x, y, z.
     """
-    target = np.asarray(target, dtype=float)
-    frames = len(target)
-    matrix = np.tile([[3.0, 1.0, 1.0], [3.0, 1.0, 1.0]], (frames, 1, 1))
-    reaction = np.zeros((frames, 6, 3))
+    problem = problem_of([[3.0, 1.0, 1.0]] * 2, [1.0, 1.0, 10.0], target, interval=interval)
+    reaction = problem.reaction_matrix.copy()
     reaction[:, 3, 0] = reaction[:, 4, 1] = 1.0
-    return RedundancyProblem(
-        time=np.arange(frames) * interval,
-        interval=interval,
-        weights=np.array([1.0, 1.0, 10.0]),
-        time_constants=np.array([[0.01, 0.01], [0.04, 0.04]]),
-        matrix=matrix,
-        target=target[None],
-        tracked=np.ones(2, dtype=bool),
-        reaction_matrix=reaction,
-        reaction_at_rest=np.zeros((1, frames, 6)),
-        cone=np.zeros((frames, 0, 3)) if cone is None else np.tile(cone, (frames, 1, 1)),
-    )
+    cones = problem.cone if cone is None else np.tile(cone, (len(target), 1, 1))
+    return replace(problem, reaction_matrix=reaction, cone=cones)
 
 
 def test_muscles_share_in_proportion_to_their_moment_arms_and_the_reserve_to_its_weight():

@@ -11,7 +11,7 @@ from solver.constraint import CoordinatePrescription
 from solver.errors import SolverCode
 from solver.functions.coordinate_functions import PiecewisePolynomial, Sine
 from solver.model import CoordinateCoupler, CoordinateLock, Model
-from solver.motion import Kinematics, decimate, differentiate, read_motion
+from solver.motion import decimate, differentiate, read_motion
 from solver.multibody.dynamics import ReactionRequest
 from solver.osim.model_reader import read_osim
 from solver.redundancy.effort import RedundancyOptions, Solver, effort_weights
@@ -51,19 +51,23 @@ def driven(model: Model) -> list[str]:
     return [model.coordinate_names[actuator.coordinate] for actuator in model.actuators]
 
 
-def problem_of(matrix: list[list[float]], weights: list[float], target: list[float], solver: Solver):
-    """One frame of two muscles and actuators, without a glenoid."""
+def problem_of(
+    matrix: Any, weights: list[float], target: Any, solver: Solver = "interior_point", interval: float = 1.0
+):
+    """Two muscles and actuators without a glenoid; the matrix is that of every frame of target (frames, rows)."""
+    target = np.asarray(target, dtype=float)
+    frames, rows = target.shape
     return RedundancyProblem(
-        time=np.zeros(1),
-        interval=1.0,
+        time=np.arange(frames) * interval,
+        interval=interval,
         weights=np.array(weights),
         time_constants=np.array([[0.01, 0.01], [0.04, 0.04]]),
-        matrix=np.array([matrix]),
-        target=np.array([[target]]),
-        tracked=np.ones(len(matrix), dtype=bool),
-        reaction_matrix=np.zeros((1, 6, len(weights))),
-        reaction_at_rest=np.zeros((1, 1, 6)),
-        cone=np.zeros((1, 0, 3)),
+        matrix=np.tile(matrix, (frames, 1, 1)),
+        target=target[None],
+        tracked=np.ones(rows, dtype=bool),
+        reaction_matrix=np.zeros((frames, 6, len(weights))),
+        reaction_at_rest=np.zeros((1, frames, 6)),
+        cone=np.zeros((frames, 0, 3)),
         solver=solver,
     )
 
@@ -98,29 +102,19 @@ def test_nothing_is_dropped_where_nothing_is_locked() -> None:
 
 def test_a_residual_that_a_control_could_reduce_is_not_called_solved() -> None:
     # the last actuator's column is within the rank's tolerance of nothing, yet it could give the second row
-    matrix = [[3.0, 1.0, 1.0, 0.0], [0.0, 0.0, 0.0, 2e-9]]
-    missed = solve_redundancy(problem_of(matrix, [1.0, 1.0, 10.0, 0.0], [1.0, 1.0], "clarabel"))
-    assert missed.equality_residual[0, 0] == pytest.approx(1.0)
-    assert missed.outcomes[0, 0] is FrameOutcome.NOT_CONVERGED
-    matrix[1][3] = 0.0
-    explained = solve_redundancy(problem_of(matrix, [1.0, 1.0, 10.0, 0.0], [1.0, 1.0], "clarabel"))
-    assert explained.equality_residual[0, 0] == pytest.approx(1.0)
-    assert explained.outcomes[0, 0] is FrameOutcome.SOLVED
-    assert explained.controls[0, 0, 3] == pytest.approx(0.0, abs=1e-9)
+    for last, outcome in ((2e-9, FrameOutcome.NOT_CONVERGED), (0.0, FrameOutcome.SOLVED)):
+        matrix = [[3.0, 1.0, 1.0, 0.0], [0.0, 0.0, 0.0, last]]
+        found = solve_redundancy(problem_of(matrix, [1.0, 1.0, 10.0, 0.0], [[1.0, 1.0]], "clarabel"))
+        assert found.equality_residual[0, 0] == pytest.approx(1.0)
+        assert found.outcomes[0, 0] is outcome
+    assert found.controls[0, 0, 3] == pytest.approx(0.0, abs=1e-9)
 
 
 @pytest.mark.parametrize("solver", ["interior_point", "clarabel"])
 def test_a_frame_of_lower_rank_takes_no_equation_from_the_others(solver: Solver) -> None:
-    whole = problem_of([[3.0, 1.0, 1.0], [0.0, 0.0, 1.0]], [1.0, 1.0, 10.0], [1.0, 0.5], solver)
-    both = replace(
-        whole,
-        time=np.arange(2.0),
-        matrix=np.array([whole.matrix[0], [[3.0, 1.0, 1.0], [0.0, 0.0, 0.0]]]),
-        target=np.tile(whole.target, (1, 2, 1)),
-        reaction_matrix=np.zeros((2, 6, 3)),
-        reaction_at_rest=np.zeros((1, 2, 6)),
-        cone=np.zeros((2, 0, 3)),
-    )
+    ranks = np.array([[[3.0, 1.0, 1.0], [0.0, 0.0, 1.0]], [[3.0, 1.0, 1.0], [0.0, 0.0, 0.0]]])
+    whole = problem_of(ranks[0], [1.0, 1.0, 10.0], [[1.0, 0.5]], solver)
+    both = replace(problem_of(ranks[0], [1.0, 1.0, 10.0], [[1.0, 0.5]] * 2, solver), matrix=ranks)
     found = solve_redundancy(both)
     assert (found.outcomes == FrameOutcome.SOLVED).all()
     np.testing.assert_allclose(found.equality_residual[0], [0.0, 0.5], atol=1e-6)
@@ -139,7 +133,7 @@ def test_a_posture_without_finite_accelerations_costs_its_frame_alone() -> None:
     for name in ("activations", "reserves", "reaction", "effort", "equality_residual", "cone_slack"):
         assert np.isnan(getattr(found, name)[3]).all()
         np.testing.assert_allclose(getattr(found, name)[:3], getattr(whole, name)[:3], rtol=1e-12, atol=1e-9)
-    after = solve_motion(MODEL, _frames(SLOW, slice(4, None)))  # activations start anywhere again
+    after = solve_motion(MODEL, SLOW.cut(slice(4, None)))  # activations start anywhere again
     np.testing.assert_allclose(found.activations[4:], after.activations, rtol=1e-12)
 
 
@@ -149,11 +143,6 @@ def test_so_does_one_in_which_constraints_become_redundant() -> None:
     found = solve_motion(with_a_singular_elbow(MODEL), replace(SLOW, positions=positions))
     assert [frame for frame, outcome in enumerate(found.outcomes) if outcome is FrameOutcome.NOT_FINITE] == [5]
     assert found.unsolved == 1
-
-
-def _frames(kinematics: Kinematics, frames: slice) -> Kinematics:
-    names = ("time", "positions", "speeds", "accelerations")
-    return replace(kinematics, **{name: getattr(kinematics, name)[frames] for name in names})
 
 
 @pytest.mark.shared
