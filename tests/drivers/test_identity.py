@@ -61,15 +61,12 @@ def test_a_daq_is_simulated_or_not_by_its_own_property_and_open_where_its_server
     assert 0x22CA in asked
 
 
-def test_the_simulated_and_another_qtm_are_identified_by_their_version() -> None:
+def test_the_simulated_and_another_qtm_are_identified_by_their_version_unless_they_refuse_the_question() -> None:
     with simulator() as qtm, opened(driver(qtm.port)) as device:
         assert device.identity.is_simulated is True
         assert device.identity.text.startswith("QTM Version is ")
     with OtherQtm(proper) as qtm, opened(driver(qtm.port)) as device:
         assert device.identity == DeviceIdentity(device.name, "QTM Version is 2.17 (build 3900)", False)
-
-
-def test_a_qtm_that_refuses_the_question_leaves_it_open() -> None:
     refusal = packet(0, b"Parse error\0")
     with (
         OtherQtm(lambda command: refusal if command == b"qtmversion" else proper(command)) as qtm,

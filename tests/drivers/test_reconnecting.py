@@ -123,13 +123,10 @@ def test_between_attempts_reading_returns_within_its_time_out() -> None:
     assert [len(device.read(0.02)) for _ in range(4)] == [1, 0, 0, 0]
 
 
-def test_a_device_that_answers_and_is_lost_at_once_is_not_reconnected() -> None:
+def test_a_device_that_is_lost_again_at_once_or_was_closed_is_not_reconnected() -> None:
     device = opened(scripted([[samples(0)], GONE, GONE, GONE, [samples(4)]], [None, None, None]))
     kinds = [item.kind for item in delivered(device, 5) if isinstance(item, Event)]
     assert kinds == ["connection_lost", "connection_restored"]
-
-
-def test_a_closed_device_is_not_reconnected() -> None:
     device = opened(scripted([GONE]))
     device.close()
     with pytest.raises(DeviceLost) as caught:

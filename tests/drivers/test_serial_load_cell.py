@@ -81,15 +81,12 @@ class TestSerialLoadCellKeepsTheContract(DeviceContract):
         )
 
 
-def test_a_usb220_line_is_pounds_force_in_18_bytes_and_a_usb520_line_grams_force() -> None:
+def test_a_usb220_line_is_pounds_force_a_usb520_line_grams_force_and_a_garbled_one_no_number() -> None:
     assert decode_usb220(b"-00012.34560  lbs\r\n") == -12.3456
     assert len(encode_usb220(100.0)) == 18
     assert decode_usb220(encode_usb220(-100.0)) == pytest.approx(-22.4809, abs=1e-4)
     assert decode_usb520(b" 123.5 g\r\n") == 123.5
     assert decode_usb520(encode_usb520(9.80665)) == 1000.0
-
-
-def test_a_garbled_line_is_no_number() -> None:
     garbled = (b"", b"\r\n", b"+1.2\r\n", b"+1.2 kg\r\n", b"++1.2 lbs\r\n", b"1.2.3 g\r\n", b"\xff\xfe\n")
     for line in (*garbled, b"+" + 200 * b"9" + b".0 lbs\r\n"):
         assert decode_usb220(line) is decode_usb520(line) is None, line

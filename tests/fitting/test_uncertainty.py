@@ -164,6 +164,11 @@ def test_an_estimate_is_widened_by_what_it_did_not_hold_and_keeps_student_s_ends
     assert wide.parts == {"noise": 0.3, "lag": 0.4, "gain": 0.0}
 
 
+def test_two_repeats_that_differ_by_more_than_noise_have_student_s_interval() -> None:
+    estimate = combine([Repeat(9.0, 0.1), Repeat(11.0, 0.1)])
+    assert (estimate.standard_error, _half_width(estimate)) == pytest.approx((1.0, 12.706205), rel=1e-6)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(("count", "extra"), [(2, 0.0), (2, 1.0), (2, 4.0), (3, 0.0), (3, 2.0), (3, 8.0), (5, 1.0)])
 def test_the_interval_covers_what_it_claims_whether_repeats_differ_by_noise_or_really(count: int, extra: float) -> None:

@@ -103,17 +103,13 @@ def test_an_lz4_chunk_that_unpacks_to_another_size_is_damage(tmp_path: Path) -> 
     assert entries == [] and "another size" in damage[0].reason
 
 
-def test_the_damage_names_its_bytes(whole: Path, tmp_path: Path) -> None:
+def test_the_damage_names_its_bytes_and_a_record_that_ends_early_says_so(whole: Path, tmp_path: Path) -> None:
     data, ends = bytearray(whole.read_bytes()), chunk_ends(whole)
     offsets = sorted({entry.chunk_offset for entry in _read(whole)[0]})
     data[ends[2] - 3] ^= 1
     _, damage = _read(_written(tmp_path, data))
     assert [(found.offset, found.end) for found in damage] == [(offsets[2], offsets[3])]
     assert str(damage[0]).startswith(f"damage at bytes {offsets[2]} to {offsets[3]}: the record here is damaged (")
-
-
-def test_a_record_that_ends_early_says_so(whole: Path, tmp_path: Path) -> None:
-    """MCAP's reader has no text for it. The length of a channel's topic is beyond its record."""
     data = bytearray(whole.read_bytes())
     at = data.rindex(b"/force")
     data[at - 1] = 0x7F

@@ -13,11 +13,8 @@ from tests.recordings.trials import MANIFEST
 from tests.refusals import raises_refusal
 
 
-def test_a_manifest_comes_back_equal() -> None:
+def test_a_manifest_comes_back_equal_and_a_key_that_a_later_version_added_is_passed_over() -> None:
     assert manifest_from_json(manifest_to_json(MANIFEST)) == MANIFEST
-
-
-def test_a_key_that_a_later_version_added_is_passed_over() -> None:
     grown = json.loads(manifest_to_json(MANIFEST)) | {"room_temperature_c": 21.5}
     assert manifest_from_json(json.dumps(grown)) == MANIFEST
 

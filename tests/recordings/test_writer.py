@@ -47,19 +47,28 @@ from tests.timeout import scaled_timeout
 ITEMS = tuple(trial(4.0))
 
 
-def test_what_is_written_comes_back_in_order(tmp_path: Path) -> None:
+def test_what_is_written_comes_back_in_order_without_empty_blocks(tmp_path: Path) -> None:
     items = [*trial(1.0), skipped(100, 3), Event("mark", "ä漢", 0, "operator")]
     recording = open_recording(record(tmp_path / "a.mcap", items))
     assert items_of(recording) == bits(items)
     assert (recording.manifest, recording.streams, recording.missing) == (MANIFEST, STREAMS, ())
+    block = scalars("/force", 0, 1)
+    nothing = Samples("/force", block.sample_numbers[1:], block.device_time_ns[1:], 0, block.values[1:])
+    assert items_of(open_recording(record(tmp_path / "b.mcap", [nothing, block]))) == bits([block])
 
 
-def test_the_outcome_counts_what_came_before(tmp_path: Path) -> None:
+def test_the_outcome_counts_what_came_before_and_a_rejected_trial_keeps_its_data_and_the_reason(tmp_path: Path) -> None:
     outcome = open_recording(record(tmp_path / "a.mcap", list(trial(1.0)))).outcome
     assert (outcome.accepted, outcome.state, outcome.sentence) == (True, "closed", "the mocap capture ended")
     assert outcome.samples == {"/force": 1000, "/sync": 1000, "/markers": 100}
     assert outcome.messages["/events"] == 2
     assert outcome.messages["/manifest"] == 2
+    items = list(trial(0.2))
+    path = record(tmp_path / "b.mcap", items, TrialOutcome(False, "failed", "NI Dev1 is gone: unplugged"))
+    recording = open_recording(path)
+    assert recording.complete
+    assert (recording.outcome.accepted, recording.outcome.sentence) == (False, "NI Dev1 is gone: unplugged")
+    assert items_of(recording) == bits(items)
 
 
 def test_what_has_no_time_of_its_own_has_the_latest_of_the_items_before(tmp_path: Path) -> None:
@@ -355,21 +364,6 @@ def test_a_discarded_recording_leaves_no_file(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == []
     with raises_refusal(RecordingCode.CLOSED):
         writer.write(scalars("/force", 10, 10))
-
-
-def test_a_rejected_trial_keeps_its_data_and_the_reason(tmp_path: Path) -> None:
-    items = list(trial(0.2))
-    path = record(tmp_path / "a.mcap", items, TrialOutcome(False, "failed", "NI Dev1 is gone: unplugged"))
-    recording = open_recording(path)
-    assert recording.complete
-    assert (recording.outcome.accepted, recording.outcome.sentence) == (False, "NI Dev1 is gone: unplugged")
-    assert items_of(recording) == bits(items)
-
-
-def test_an_empty_block_is_nothing_to_store(tmp_path: Path) -> None:
-    block = scalars("/force", 0, 1)
-    nothing = Samples("/force", block.sample_numbers[1:], block.device_time_ns[1:], 0, block.values[1:])
-    assert items_of(open_recording(record(tmp_path / "a.mcap", [nothing, block]))) == bits([block])
 
 
 def test_a_block_that_its_stream_did_not_announce_is_refused(tmp_path: Path) -> None:

@@ -108,7 +108,7 @@ def test_a_cuff_that_migrates_further_than_any_published_one_has_slipped() -> No
     assert has_slipped(_trial(1000.0, migration=0.026))
 
 
-def test_its_translational_terms_are_the_cuffs_figures() -> None:
+def test_a_bushing_has_the_cuff_s_figures_and_a_cuff_without_damping_none() -> None:
     element = ElementTree.fromstring(bushing_force(FIT.wearable()))  # noqa: S314
     assert element.tag == "BushingForce"
     assert element.get("name") == "hand_cuff"
@@ -116,9 +116,6 @@ def test_its_translational_terms_are_the_cuffs_figures() -> None:
     assert texts["translational_stiffness"] == "8520.5 8520.5 8520.5"
     assert texts["translational_damping"] == "210.25 210.25 210.25"
     assert texts["rotational_stiffness"] == "0 0 0"
-
-
-def test_a_cuff_without_damping_has_no_bushing() -> None:
     with raises_refusal(FitErrorCode.NOT_IDENTIFIED, cuff="hand", missing="damping"):
         bushing_force(replace(FIT, damping=None).wearable())
 

@@ -109,10 +109,11 @@ def test_its_standard_error_is_honest_whatever_the_colour_of_the_noise(colour: f
     assert 4 * total > high
 
 
-def test_a_force_that_falls_as_the_cuff_goes_has_no_answer() -> None:
+def test_a_force_that_falls_as_the_cuff_goes_has_no_answer_and_a_motion_within_the_noise_no_lines() -> None:
     record = swing(1)
     backwards = output_error(replace(record, force=-record.force), STIFFNESS, DAMPING)
     assert (backwards.outcome, backwards.estimates) == (FitOutcome.NO_SOLUTION, None)
+    assert fit_lines(tapered_lines(swing(5, marker_noise=5e-3), 5e-3), MASS) is None
 
 
 @pytest.mark.slow
@@ -145,10 +146,6 @@ def test_a_hole_in_the_markers_splits_the_record() -> None:
     assert len(lines) == 2
     fitted = fit_lines(lines, MASS)
     assert abs(fitted[0].value - STIFFNESS) < 4 * fitted[0].standard_error
-
-
-def test_a_motion_within_the_noise_has_no_lines() -> None:
-    assert fit_lines(tapered_lines(swing(5, marker_noise=5e-3), 5e-3), MASS) is None
 
 
 def test_marker_noise_does_not_destroy_damping() -> None:

@@ -86,23 +86,13 @@ def test_a_trial_from_which_damping_is_not_identified_is_refused(pull: Pull, cod
         fit_damping(pull)
 
 
-def test_markers_with_as_few_frames_as_the_motion_has_knots_are_refused() -> None:
+def test_markers_with_few_frames_or_hidden_through_most_of_the_pull_or_that_end_before_it_are_refused() -> None:
     pull = _pull()
     few = replace(pull, marker_time=pull.marker_time[::8], displacement=pull.displacement[::8])
     with raises_refusal(
         RejectionCode.FEW_FRAMES, rate_hz=pytest.approx(12.5), expected_hz=pytest.approx(1.01 / KNOT_STEP)
     ):
         fit_damping(few)
-
-
-def test_a_small_motion_is_fitted_with_a_note_of_how_small_it_is() -> None:
-    fit = fit_damping(_pull(amplitude=0.9))  # ± 0.40 mm of motion beside 0.2 mm of noise
-    assert figures_by_code(fit.notes)[TrialNoteCode.SMALL_MOTION]["ratio"] == pytest.approx(2.0, abs=0.05)
-    assert abs(fit.stiffness.value - K) < 4 * fit.stiffness.standard_error
-    assert TrialNoteCode.SMALL_MOTION not in figures_by_code(fit_damping(_pull()).notes)
-
-
-def test_markers_that_are_hidden_or_end_before_most_of_the_pull_are_refused() -> None:
     pull = _pull()
     x = pull.displacement.copy()
     x[400:1400] = np.nan
@@ -112,6 +102,13 @@ def test_markers_that_are_hidden_or_end_before_most_of_the_pull_are_refused() ->
     early = replace(pull, marker_time=pull.marker_time[:200], displacement=pull.displacement[:200])
     with raises_refusal(RejectionCode.SWING_HIDDEN):
         fit_damping(early)
+
+
+def test_a_small_motion_is_fitted_with_a_note_of_how_small_it_is() -> None:
+    fit = fit_damping(_pull(amplitude=0.9))  # ± 0.40 mm of motion beside 0.2 mm of noise
+    assert figures_by_code(fit.notes)[TrialNoteCode.SMALL_MOTION]["ratio"] == pytest.approx(2.0, abs=0.05)
+    assert abs(fit.stiffness.value - K) < 4 * fit.stiffness.standard_error
+    assert TrialNoteCode.SMALL_MOTION not in figures_by_code(fit_damping(_pull()).notes)
 
 
 def test_markers_with_a_memory_make_output_error_the_method() -> None:

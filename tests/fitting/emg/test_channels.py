@@ -130,13 +130,10 @@ def test_the_mean_is_that_of_the_time_or_of_every_cycle_within_it() -> None:
     assert cycled.means("a", 0.0, 8.0) == pytest.approx([0.2 * half, 0.4 * half], rel=0.1)
 
 
-def test_levels_are_fractions_of_the_maximum_and_a_channel_without_one_has_none() -> None:
+def test_levels_are_fractions_of_the_maximum_none_without_one_and_above_half_of_it_a_finding() -> None:
     levels = normalised(ENVELOPES, {"a": 2.0})
     np.testing.assert_allclose(levels.of("a"), ENVELOPES.of("a") / 2)
     assert (levels.unit, levels.usable, levels.findings["b"]) == ("1", ("a",), (ChannelFinding.NO_MVC,))
-
-
-def test_a_trial_is_never_above_its_own_maximum_and_is_above_half_of_it() -> None:
     largest = largest_envelopes([ENVELOPES])
     assert normalised(ENVELOPES, largest).findings == ENVELOPES.findings
     doubled = normalised(ENVELOPES, {label: value / 2 for label, value in largest.items()})
@@ -180,15 +177,12 @@ def test_the_published_envelope_is_what_its_formulas_give() -> None:
     np.testing.assert_allclose(emg_envelope(raw, RATE, PUBLISHED)[INNER, 0], smoothed[INNER], rtol=1e-6)
 
 
-def test_the_linear_envelope_of_a_modulated_sine_is_its_mean_rectified_value() -> None:
+def test_a_sine_has_its_mean_rectified_value_and_its_rms() -> None:
     """2/π of the amplitude; a modulation at the cut-off comes through at half, and in phase."""
     modulation = 0.5 * np.sin(2 * np.pi * 6.0 * LONG_TIME)
     raw = (1 + modulation) * np.sin(2 * np.pi * 137.0 * LONG_TIME)
     found = emg_envelope(raw[:, None], RATE)[INNER, 0]
     np.testing.assert_allclose(found, 2 / np.pi * (1 + 0.5 * modulation[INNER]), atol=0.01)
-
-
-def test_the_rms_of_a_sine_is_its_amplitude_over_root_two() -> None:
     settings = EnvelopeSettings(smoothing="rms", window_s=0.1)
     raw = np.column_stack((np.sin(2 * np.pi * 100 * LONG_TIME), 3 * np.sin(2 * np.pi * 100 * LONG_TIME)))
     np.testing.assert_allclose(emg_envelope(raw, RATE, settings)[INNER], [[0.5**0.5, 3 * 0.5**0.5]] * 4000, rtol=2e-3)
@@ -213,16 +207,13 @@ def test_a_band_beyond_half_the_rate_is_refused(band: tuple[float, float | None]
 # The maximum voluntary contraction: the best half second of all trials, found by brute force here.
 
 
-def test_it_is_the_largest_mean_over_the_window_in_any_trial() -> None:
+def test_a_maximum_contraction_is_the_largest_mean_over_the_window_in_any_trial_of_enough_samples() -> None:
     random = np.random.default_rng(2)
     trials = [random.random((400, 2)), random.random((300, 2))]
     trials[1][:, 1] = np.nan
     means = [[np.mean(trial[i : i + 50], axis=0) for i in range(len(trial) - 49)] for trial in trials]
     expected = np.nanmax(np.concatenate(means), axis=0)
     np.testing.assert_allclose(maximum_voluntary_contraction(trials, 100.0, 0.5), expected, rtol=1e-12)
-
-
-def test_a_channel_without_any_trial_has_no_maximum_and_a_short_trial_is_refused() -> None:
     assert np.isnan(maximum_voluntary_contraction([np.full((100, 1), np.nan)], 100.0)).all()
     with raises_refusal(FitErrorCode.EMG_MVC_SHORT):
         maximum_voluntary_contraction([np.zeros((49, 1))], 100.0)

@@ -86,16 +86,13 @@ def test_sway_of_the_body_is_gone() -> None:
     assert motion.ghosts == {}
 
 
-def test_the_rope_gives_the_direction_where_it_has_markers() -> None:
+def test_the_rope_gives_the_direction_where_it_has_markers_and_noise_does_not_turn_it() -> None:
     trial = _trial(rope=True)
     motion = cuff_motion(trial, reference_posture(trial))
     direction = pull_direction([trial], [motion])
     reference = trial.positions(("rope_1", "rope_2"))[0]
     expected = (reference[1] - reference[0]) / np.linalg.norm(reference[1] - reference[0])
     np.testing.assert_allclose(direction, expected, atol=1e-6)
-
-
-def test_noise_of_the_markers_does_not_turn_the_direction() -> None:
     trial = _trial(noise=0.5e-3)
     motion = cuff_motion(trial, reference_posture(trial))
     direction = pull_direction([trial], [motion])
@@ -223,13 +220,10 @@ def test_anchors_that_define_no_frame_are_refused(anchor: np.ndarray, code: Reje
         reference_posture(_trial(anchor=anchor))
 
 
-def test_a_cuff_that_is_never_seen_is_refused() -> None:
+def test_a_cuff_that_is_never_seen_or_does_not_follow_the_force_is_refused() -> None:
     trial = _without(_without(_trial(), "cuff_1", slice(None)), "cuff_2", slice(None))
     with raises_refusal(RejectionCode.CUFF_HIDDEN, markers="cuff_1, cuff_2"):
         reference_posture(trial)
-
-
-def test_a_cuff_that_does_not_follow_the_force_has_no_direction() -> None:
     trial = replace(_trial(), force=np.full(len(TIME), 3.0))
     with raises_refusal(RejectionCode.NO_MOTION):
         _displacement(trial)
@@ -339,19 +333,13 @@ def test_errors_of_held_displacements_are_what_they_claim(memory: float, hold: f
     assert (spread < 1.15).all()
 
 
-def test_white_noise_errs_as_white_noise_does() -> None:
+def test_white_noise_errs_as_white_noise_does_and_creep_within_holds_is_none() -> None:
     holds = [np.random.default_rng(seed).standard_normal(14) for seed in range(200)]
     assert slow_noise(holds) == pytest.approx(np.sqrt(BATCH), rel=0.05)
-
-
-def test_creep_within_holds_is_no_noise() -> None:
     creep = np.exp(-np.arange(14) * BATCH / 15.0)
     noise = [1e-3 * np.random.default_rng(seed).standard_normal(14) for seed in range(11)]
     with_creep, without = slow_noise([creep + each for each in noise]), slow_noise(noise)
     assert with_creep == pytest.approx(without, rel=0.5)
-
-
-def test_few_or_short_holds_do_not_determine_the_noise() -> None:
     assert slow_noise([np.arange(14.0)]) == 0.0
     assert slow_noise([np.arange(5.0)] * 8) == 0.0
     assert slow_noise([np.zeros(14)] * 8) == 0.0

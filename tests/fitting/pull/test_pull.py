@@ -298,11 +298,16 @@ def _held(
     return held
 
 
-def test_weights_as_planned_are_no_news() -> None:
+def test_weights_as_planned_are_no_news_and_nothing_is_checked_without_known_weights() -> None:
     assert check_steps(_held(), MASSES) == ()
     assert check_steps(_held((0, 1, 2, 3, 0)), MASSES) == ()
     assert check_steps(_held((0, 1, 2, 3)), MASSES) == ()
     assert check_steps(_held(scale=1.02), MASSES) == ()
+    assert check_steps(_held(), ()) == ()
+    assert check_steps(_held((0,)), MASSES) == ()
+    (note,) = check_steps(_held((0, 0)), MASSES)
+    assert note.code is TrialNoteCode.NO_WEIGHT
+    assert note.figures["weight_n"] == pytest.approx(14.71, abs=0.01)
 
 
 @pytest.mark.parametrize(
@@ -377,20 +382,9 @@ def test_the_gain_s_interval_is_honest() -> None:
     assert stats.chi2.ppf(0.0005, 100) < np.sum(np.square(scores)) < 1.3 * stats.chi2.ppf(0.9995, 100)
 
 
-def test_a_load_that_is_off_is_named_by_its_time() -> None:
+def test_a_load_that_is_off_is_named_by_its_time_and_weights_left_off_are_counted() -> None:
     (note,) = check_steps(_held(off=-5.0), MASSES)
     assert note.code is TrialNoteCode.WRONG_LOAD
     assert (note.figures["start_s"], note.figures["count"]) == (20.0, 2)
-
-
-def test_weights_that_were_left_off_are_counted() -> None:
     (note,) = check_steps(_held((0, 1, 2, 1, 0)), MASSES)
     assert (note.code, note.figures) == (TrialNoteCode.FEW_WEIGHTS, {"count": 2, "total": 3})
-
-
-def test_nothing_is_checked_without_known_weights() -> None:
-    assert check_steps(_held(), ()) == ()
-    assert check_steps(_held((0,)), MASSES) == ()
-    (note,) = check_steps(_held((0, 0)), MASSES)
-    assert note.code is TrialNoteCode.NO_WEIGHT
-    assert note.figures["weight_n"] == pytest.approx(14.71, abs=0.01)

@@ -39,15 +39,12 @@ def test_the_icc_of_shrout_and_fleiss_is_the_published_one() -> None:
     assert found.mdc.value == pytest.approx(1.96 * np.sqrt(2) * found.sem.value, rel=1e-4)
 
 
-def test_a_design_without_repeated_donnings_has_no_error_of_measurement() -> None:
+def test_without_repeated_donnings_there_is_no_error_of_measurement_and_with_one_volunteer_no_icc() -> None:
     factors = [Factor("volunteer", range(4)), Factor("donning", range(4)), Factor("operator", "AABB")]
     model = fit_components(np.array([1.0, 2.0, 3.0, 5.0]), factors, 0.01 * np.eye(4))
     found = estimate_reliability(model, "volunteer", "donning", "operator")
     assert found.outcome is ReliabilityOutcome.NO_DONNINGS
     assert (found.icc, found.sem, found.mdc) == (Measure(), Measure(), Measure())
-
-
-def test_one_volunteer_has_an_error_of_measurement_and_no_icc() -> None:
     factors = [Factor("volunteer", [0] * 4), Factor("donning", [0, 0, 1, 1]), Factor("operator", "AAAA")]
     model = fit_components(np.array([1.0, 1.1, 2.0, 2.2]), [*factors, Factor("repeat", range(4))], np.zeros((4, 4)))
     found = estimate_reliability(model, "volunteer", "donning", "operator")

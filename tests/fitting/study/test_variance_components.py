@@ -292,6 +292,9 @@ def test_a_share_beside_known_noise_alone_has_the_ends_of_its_variance() -> None
     ends = component_interval(contrasts, solution, 0, 2)
     shares = [end / (end + noise) for end in ends]
     assert ratio_interval(contrasts, solution, 0, noise, 2) == pytest.approx(shares, rel=2e-3)
+    contrasts = contrast(VALUES, ONES, np.zeros((12, 12)), [np.eye(12)])
+    low, high = ratio_interval(contrasts, maximise(contrasts), 0, 0.0, 11)
+    assert np.isnan(low) and high == 1.0
 
 
 def test_variances_ends_and_information_have_the_unit_of_the_values() -> None:
@@ -313,12 +316,6 @@ def test_variances_ends_and_information_have_the_unit_of_the_values() -> None:
         ends = component_interval(model.contrasts, model.solution, place, component.levels - 1)
         assert component.ci95 == pytest.approx(np.array(ends) * model.contrasts.scale**2, rel=1e-9)
         assert tens.estimated[place].ci95 == pytest.approx(100 * np.array(component.ci95), rel=5e-3)
-
-
-def test_a_component_beside_nothing_is_the_whole() -> None:
-    contrasts = contrast(VALUES, ONES, np.zeros((12, 12)), [np.eye(12)])
-    low, high = ratio_interval(contrasts, maximise(contrasts), 0, 0.0, 11)
-    assert np.isnan(low) and high == 1.0
 
 
 def profile_of_one_variance(theta: float, count: int, noise: float) -> float:
@@ -446,10 +443,13 @@ def test_the_spread_is_that_of_an_analysis_of_variance_of_logarithms() -> None:
     assert found.ci95[0] < found.spread < found.ci95[1]
 
 
-def test_the_scale_of_a_cuff_and_an_error_of_the_whole_session_do_not_matter() -> None:
+def test_scale_errors_of_a_session_values_not_positive_and_cuffs_donned_once_do_not_matter() -> None:
     plain = estimate_donning_spread(measured(2))
     scaled = [replace(one, value=7 * one.value, noise=0.0, shared=2.1 * one.value) for one in measured(2)]
     assert estimate_donning_spread(scaled).spread == pytest.approx(plain.spread, rel=1e-6)
+    once = Observation(9000.0, 0.0, 0.0, "P01", "A", "monday", "1", 1, "single")
+    negative = Observation(-3.0, 0.1, 0.0, "P01", "A", "monday", "9", 1, "0")
+    assert estimate_donning_spread([*measured(1), once, negative]) == estimate_donning_spread(measured(1))
 
 
 def test_intervals_of_many_studies_contain_the_true_spread() -> None:
@@ -469,9 +469,3 @@ def test_few_donnings_give_no_spread(cuffs: int, donnings: int) -> None:
 def test_a_spread_below_the_noise_of_the_fits_is_not_resolved() -> None:
     found = estimate_donning_spread(measured(4, spread=0.0, noise=0.3))
     assert found.outcome is SpreadOutcome.UNRESOLVED
-
-
-def test_values_that_are_not_positive_and_cuffs_donned_once_are_left_out() -> None:
-    once = Observation(9000.0, 0.0, 0.0, "P01", "A", "monday", "1", 1, "single")
-    negative = Observation(-3.0, 0.1, 0.0, "P01", "A", "monday", "9", 1, "0")
-    assert estimate_donning_spread([*measured(1), once, negative]) == estimate_donning_spread(measured(1))

@@ -225,14 +225,11 @@ def test_the_capture_begins_at_the_rise_and_lasts_as_long_as_its_frames() -> Non
     assert timeline.lag.drift == timeline.clock.common_drift == 0.0
 
 
-def test_part_of_the_error_of_an_undeclared_stop_edge_is_common_to_all_trials() -> None:
+def test_part_of_the_error_of_an_undeclared_stop_edge_is_common_and_without_one_the_clocks_may_drift() -> None:
     timeline = build(captured(), replace(EDGE, timing=Timing()))
     assert timeline.lag.drift == timeline.clock.common_drift > 0
     own = timeline.clock.time_sd(1.495) ** 2 - (timeline.clock.common_drift * 1.495) ** 2
     assert timeline.lag.edge == pytest.approx(np.sqrt(max(0.0, own)), abs=1e-9)
-
-
-def test_without_a_stop_edge_the_clocks_are_assumed_to_drift() -> None:
     timeline = build(captured(**{"/sync": sync(6000, 2000, 6000)}), EDGE)
     assert timeline.sync_fall is None and not timeline.clock.has_both_edges
     assert (timeline.lag.edge, timeline.lag.drift) == (pytest.approx(1e-3 / np.sqrt(12)), 50e-6)

@@ -338,9 +338,6 @@ def test_steps_and_weights_are_taken_from_the_file_and_without_one_are_as_config
     protocol = read_protocol(_written(tmp_path, 'step_masses_kg = [1, 2.5]\n[steps_s]\n"a.mcap" = [3.1, 12]\n'))
     assert protocol.step_masses == (1.0, 2.5)
     assert protocol.steps["a.mcap"] == (3.1, 12.0)
-
-
-def test_steps_of_a_recording_are_those_of_what_was_recovered_from_it(tmp_path: Path) -> None:
     (tmp_path / "a.recovered.mcap").touch()
     text = '[steps_s]\n"a.mcap" = [3]\n'
     assert read_protocol(_written(tmp_path, text)).steps["a.recovered.mcap"] == (3.0,)
@@ -393,7 +390,7 @@ def test_the_gain_is_checked_by_readings_of_a_mass_that_are_all_right(checks: li
     assert not with_mass_checks([trial], checks)[0].is_gain_checked
 
 
-def test_a_reading_is_without_the_zero_and_holds_its_uncertainty() -> None:
+def test_a_reading_is_without_the_zero_and_may_be_off_by_its_uncertainty_and_a_part_of_the_weight() -> None:
     noise = np.random.default_rng(1).standard_normal(6000)
     zero = evaluate_reading(3.0 + 0.1 * noise, 0.0, None)
     loaded = evaluate_reading(22.613 + 0.1 * noise[::-1], 2.0, zero)
@@ -403,9 +400,6 @@ def test_a_reading_is_without_the_zero_and_holds_its_uncertainty() -> None:
     assert loaded.sd > zero.sd
     with raises_refusal(FitErrorCode.CHECK_SHORT, samples=5, expected=6):
         evaluate_reading(np.zeros(5), 1.0, None)
-
-
-def test_a_reading_may_be_off_by_its_uncertainty_the_scale_s_and_a_part_of_the_weight() -> None:
     check = MassCheck("", 2.0, 20.0, 20.0, 0.03, 0.0)
     assert check.tolerance(0.002, 50.0) == pytest.approx(3 * 0.05 + 0.2)
     empty = MassCheck("", 0.0, 0.0, 1.0, 0.0, None)

@@ -139,11 +139,8 @@ def patched(path: Path, place: int, data: bytes) -> Path:
     return path
 
 
-def test_markers_come_back_within_single_precision(file: Path) -> None:
+def test_markers_and_analog_channels_come_back_with_their_units_on_one_clock(file: Path) -> None:
     assert same(read_c3d_markers(file), walk(), tolerance_mm=1e-4)
-
-
-def test_analog_channels_come_back_with_their_units_on_the_markers_clock(file: Path) -> None:
     read = read_c3d_signals(file, ["force_n", "elsewhere"])
     assert read.names == ("force_n", "sync_v")
     assert read.units == {"force_n": "N"}
@@ -203,13 +200,19 @@ def test_every_cut_of_a_file_is_a_sentence_or_what_was_in_it(file: Path, tmp_pat
         assert len(read.labels) == 3
 
 
-def test_labels_beyond_the_points_are_of_nothing(tmp_path: Path) -> None:
-    # as in c3d.org's samples 01 and 08: 30 labels for 26 points
+def test_labels_beyond_the_points_are_of_nothing_and_one_that_occurs_twice_is_numbered(
+    tmp_path: Path,
+) -> None:
     read = read_c3d_markers(write_raw_c3d(tmp_path / "more.c3d", ["a", "b", "c", "late", "later"]))
     assert read.labels == ("a", "b", "c")
     assert read.positions == pytest.approx(SCALE * POSITIONS, abs=1e-4)
     fewer = read_c3d_markers(write_raw_c3d(tmp_path / "fewer.c3d", ["a", "b"]))
     assert fewer.labels == ("a", "b")
+    read = read_c3d_markers(write_raw_c3d(tmp_path / "twice.c3d", ["RTHI", "RKNE", "RTHI"]))
+    assert read.labels == ("RTHI#1", "RKNE", "RTHI#2")
+    assert read.positions == pytest.approx(SCALE * POSITIONS, abs=1e-4)
+    (note,) = read.notes
+    assert "more than one marker RTHI" in note and "--label RTHI#1=RTHI" in note
 
 
 def test_a_wanted_channel_that_occurs_twice_is_refused(file: Path) -> None:
@@ -217,14 +220,6 @@ def test_a_wanted_channel_that_occurs_twice_is_refused(file: Path) -> None:
     with raises_refusal(RecordingCode.FOREIGN_REPEATED_NAME, "'force_n' twice"):
         read_c3d_signals(file, ["force_n"])
     assert read_c3d_signals(file, ["sync_v"]).signals == {}
-
-
-def test_a_label_that_occurs_twice_is_numbered_with_a_note(tmp_path: Path) -> None:
-    read = read_c3d_markers(write_raw_c3d(tmp_path / "twice.c3d", ["RTHI", "RKNE", "RTHI"]))
-    assert read.labels == ("RTHI#1", "RKNE", "RTHI#2")
-    assert read.positions == pytest.approx(SCALE * POSITIONS, abs=1e-4)
-    (note,) = read.notes
-    assert "more than one marker RTHI" in note and "--label RTHI#1=RTHI" in note
 
 
 def test_a_header_that_counts_channels_is_overruled_by_the_file_s_size(tmp_path: Path) -> None:

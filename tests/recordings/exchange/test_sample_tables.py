@@ -97,10 +97,6 @@ def test_positions_beyond_a_thousand_kilometres_are_counted_in_a_note() -> None:
     assert not note_on_far(positions[:, :1], "f")
 
 
-def test_a_frame_without_time_is_placed_by_its_number() -> None:
-    assert settle_times(np.array([101.0, 102.0, 104.0]), None, 100.0, "f", 1)[1] == pytest.approx([1.0, 1.01, 1.03])
-
-
 @pytest.mark.parametrize(
     ("nominal", "decimals"), [(29.97, 5), (29.97, 3), (23.976, 6), (59.94, 4), (120.12, 9), (50.0, 2), (200.0, 3)]
 )
@@ -124,6 +120,7 @@ def test_frames_that_are_not_in_the_file_leave_a_gap_in_the_numbers() -> None:
     rate, time, _ = settle_times(kept + 1.0, kept / 29.97, 30.0, "f", 1)
     table = MarkerTable(("a",), rate, time, np.ones((583, 1, 3)), np.zeros((583, 1)))
     assert np.array_equal(table.frame_numbers, kept + 1)
+    assert settle_times(np.array([101.0, 102.0, 104.0]), None, 100.0, "f", 1)[1] == pytest.approx([1.0, 1.01, 1.03])
 
 
 def test_times_in_milliseconds_are_refused() -> None:
@@ -296,12 +293,17 @@ def written(folder: Path, text: str) -> Path:
     return path
 
 
-def test_header_and_rows_are_read(tmp_path: Path) -> None:
+def test_header_and_rows_are_read_and_bare_numbers_need_a_rate_and_labels(tmp_path: Path) -> None:
     read = read_exp(written(tmp_path, TEXT))
     assert read.names == ("AD", "MD")
     assert read.time_s.tolist() == [0.0, 0.001, 0.002]
     assert read.signals["MD"].tolist() == [-0.261841, -0.261536, 0.25]
     assert read.units == {"AD": "", "MD": ""}
+    path = written(tmp_path, "0.5\t1.5\n-0.5\t2.5\n")
+    with raises_refusal(RecordingCode.FOREIGN_NO_HEADER):
+        read_exp(path)
+    read = read_exp(path, 1000.0, ["AD", "MD"])
+    assert (read.time_s.tolist(), read.signals["MD"].tolist()) == ([0.0, 0.001], [1.5, 2.5])
 
 
 @pytest.mark.parametrize(
@@ -321,14 +323,6 @@ def test_a_file_that_is_none_is_refused_in_a_sentence(
 ) -> None:
     with raises_refusal(code, naming):
         read_exp(written(tmp_path, TEXT.replace(before, after)))
-
-
-def test_bare_numbers_need_a_rate_and_labels(tmp_path: Path) -> None:
-    path = written(tmp_path, "0.5\t1.5\n-0.5\t2.5\n")
-    with raises_refusal(RecordingCode.FOREIGN_NO_HEADER):
-        read_exp(path)
-    read = read_exp(path, 1000.0, ["AD", "MD"])
-    assert (read.time_s.tolist(), read.signals["MD"].tolist()) == ([0.0, 0.001], [1.5, 2.5])
 
 
 @pytest.mark.shared
