@@ -1,7 +1,5 @@
 """Options of a benchmark from their defaults."""
 
-from __future__ import annotations
-
 import argparse
 from pathlib import Path
 from typing import Any

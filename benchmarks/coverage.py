@@ -11,8 +11,6 @@ slope of the line through its held loads; of c that of a damper at the frequency
 load; of migration the displacement that remains after the last static trial.
 """
 
-from __future__ import annotations
-
 import math
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence

@@ -8,8 +8,6 @@ the repository. `--list` prints the numbers themselves. Two versions of the code
 Numbers under a key that ends in `_codes` or `_code` have a separate part, because such keys are added.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 import sys

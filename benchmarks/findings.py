@@ -11,8 +11,6 @@ could make it negative, as in Fig. 7 of the source study, with the findings of a
 force of a swing has the weight of the hook and the zero of the cell, 5 N in these sessions.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Sequence
 

@@ -9,8 +9,6 @@ and ghost markers. T9: one law in every donning. T17: repeats with true differen
 T10 and T11 by 10, T9 by 50.
 """
 
-from __future__ import annotations
-
 import math
 import resource
 import time

@@ -10,8 +10,6 @@ accepted right and wrong, refused right (no other reader finds markers) and wron
 the file).
 """
 
-from __future__ import annotations
-
 import hashlib
 import warnings
 from collections import Counter

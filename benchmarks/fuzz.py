@@ -6,8 +6,6 @@ An example that breaks or hangs a target is shrunk and raised, and the run ends 
 this process after the last example of the target.
 """
 
-from __future__ import annotations
-
 import sys
 import time
 

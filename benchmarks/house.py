@@ -9,8 +9,6 @@ pairs, which is the stricter count, and file names that occur more than once. Wi
 one live frame with and without the suit, and with `--list` their names. `__init__.py` is not counted.
 """
 
-from __future__ import annotations
-
 import ast
 import sys
 from collections import Counter

@@ -13,8 +13,6 @@ problem needs (postures, paths, accelerations) in a batch of 200 states, and the
 the calls count.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

@@ -9,8 +9,6 @@ All times are processor times, the least of several repeats, unless a line says 
 them little. NumPy's threads are off. Exit code 1: our solver and Clarabel disagree.
 """
 
-from __future__ import annotations
-
 import os
 
 os.environ.update(OPENBLAS_NUM_THREADS="1", OMP_NUM_THREADS="1", MKL_NUM_THREADS="1")  # before NumPy comes

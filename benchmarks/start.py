@@ -7,8 +7,6 @@ FOLDER dist/*.whl`), which runs in turn with this version; the ratios are printe
 first use is measured once, in one process, because the others compile until the command ends, and then once more.
 """
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

@@ -14,8 +14,6 @@ muscles as the model has them. Standard errors are those between persons. "live"
 body of the pose and the first raise; with `--live` it is alone.
 """
 
-from __future__ import annotations
-
 import resource
 import sys
 import time

@@ -9,8 +9,6 @@ Processor time is that of the command and of all descendants that it waited for;
 report it. The command is not informed of the load: tests scale their time-outs with the load average.
 """
 
-from __future__ import annotations
-
 import argparse
 import math
 import os

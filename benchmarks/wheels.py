@@ -5,8 +5,6 @@ code 1: a supported platform lacks a wheel. Without a package index the platform
 code is 0.
 """
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

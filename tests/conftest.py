@@ -1,7 +1,5 @@
 """Options, time-outs that scale with the load of the machine, and the account of what was skipped."""
 
-from __future__ import annotations
-
 import gc
 import os
 import sys

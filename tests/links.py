@@ -1,7 +1,5 @@
 """Symbolic links for tests, where the system lets this user make them."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

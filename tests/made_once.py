@@ -1,7 +1,5 @@
 """What a test process makes in a folder of the run, and all processes of the run read: recordings and fits."""
 
-from __future__ import annotations
-
 import os
 import pickle
 import shutil

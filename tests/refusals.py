@@ -1,7 +1,5 @@
 """Expect an error by its code and its figures, not by its sentence."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from enum import StrEnum

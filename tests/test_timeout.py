@@ -1,7 +1,5 @@
 """The time-outs of tests under load, and the order that they give to the tests."""
 
-from __future__ import annotations
-
 import psutil
 import pytest
 

@@ -1,7 +1,5 @@
 """Time-outs of tests: a bound on failing tests, not an expectation, so that they scale with the load of the machine."""
 
-from __future__ import annotations
-
 import os
 
 import psutil

@@ -5,8 +5,6 @@ nothing; names that Windows gives no file are refused, as are paths of 260 chara
 Does not imitate: files that are open in another process, locks on byte ranges, short names, attributes.
 """
 
-from __future__ import annotations
-
 import builtins
 import errno
 import io

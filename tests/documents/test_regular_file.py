@@ -1,7 +1,5 @@
 """Replacement of a file that another program has open. On Linux the rule of Windows is imitated."""
 
-from __future__ import annotations
-
 import errno
 import subprocess
 import sys

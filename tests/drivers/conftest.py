@@ -1,7 +1,5 @@
 """The simulated DAQ server in a world whose time the test moves, unless its module has another world."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import pytest

@@ -4,8 +4,6 @@ A test class inherits DeviceContract and offers a fixture `bench`, which knows h
 speaks of. Bench.lose is None where the device cannot be unplugged.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager

@@ -1,7 +1,5 @@
 """The driver against another process's outlet, in a network of its own (test_lsl.py runs this file there)."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Iterator
 

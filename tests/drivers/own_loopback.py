@@ -4,8 +4,6 @@ liblsl binds its servers to all addresses and has no setting for one. Here all a
 with CANNOT where the system allows no such network (another system than Linux, user namespaces that are switched off).
 """
 
-from __future__ import annotations
-
 import ctypes
 import os
 import socket

@@ -1,7 +1,5 @@
 """Run tests in a network of their own, for what binds to all addresses, such as liblsl."""
 
-from __future__ import annotations
-
 import re
 import subprocess
 import sys

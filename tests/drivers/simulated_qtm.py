@@ -1,7 +1,5 @@
 """The driver at the simulated QTM, and what it delivered."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager

@@ -1,7 +1,5 @@
 """The few methods of the World that the electrical simulators use, with voltages a test can reckon with."""
 
-from __future__ import annotations
-
 import threading
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Random bytes on the wires, and what must hold for all of them: a short run; benchmarks/fuzz.py runs longer."""
 
-from __future__ import annotations
-
 import contextlib
 import socket
 import struct

@@ -1,7 +1,5 @@
 """EMG from a Lab Streaming Layer outlet: what the driver makes of chunks, and the driver on the real wire."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from pathlib import Path

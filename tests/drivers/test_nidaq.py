@@ -1,7 +1,5 @@
 """The driver, through unmodified nidaqmx, against the simulated server."""
 
-from __future__ import annotations
-
 import contextlib
 import time
 from collections.abc import Iterator

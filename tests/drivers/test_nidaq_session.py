@@ -3,8 +3,6 @@
 Errors of the transport as sentences.
 """
 
-from __future__ import annotations
-
 import os
 import time
 from collections.abc import Iterator

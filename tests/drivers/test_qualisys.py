@@ -1,7 +1,5 @@
 """The driver, through unmodified qtm_rt, against the simulated QTM and against sockets that misbehave."""
 
-from __future__ import annotations
-
 import socket
 import struct
 from collections.abc import Callable, Iterator

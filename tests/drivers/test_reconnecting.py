@@ -1,7 +1,5 @@
 """A device that is lost and comes back, with clocks that stand still; faults of the simulated devices."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, nullcontext
 from importlib import import_module

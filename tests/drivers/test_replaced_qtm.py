@@ -1,7 +1,5 @@
 """A cable plugged into another mocap computer during a trial: frames of the other QTM are not recorded."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 from contextlib import closing

@@ -1,7 +1,5 @@
 """The driver, through unmodified pyserial, against the simulated indicator, a bare socket and a pseudo-terminal."""
 
-from __future__ import annotations
-
 import os
 import socket
 import sys

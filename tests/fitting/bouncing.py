@@ -3,8 +3,6 @@
 The spring is a chain of masses, so that its own weight and surge are there; the load cell feels its uppermost link.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cache
 

@@ -4,8 +4,6 @@ Balance of forces at the cuff, integrated: imports nothing of solver, drivers or
 pulley, breathing, two defects of the rig at once.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -5,8 +5,6 @@ Between cuff and body a spring and a damper work in series with friction that ho
 slowly beyond it; the limit grows with the way slipped.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

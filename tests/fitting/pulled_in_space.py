@@ -5,8 +5,6 @@ of what is fitted with. Two markers ride on the rope. The first trial begins in 
 in the others the body stands a little turned, and it sways in all.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

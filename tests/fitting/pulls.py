@@ -1,7 +1,5 @@
 """A pull along one axis from a trial without markers, for fits that read force and displacement alone."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Notes and verdicts on a donning beside its figures."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from functools import cache

@@ -1,7 +1,5 @@
 """Every iteration of the fit, starved of rounds, says so, and the verdict of the donning calls nothing identified."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache

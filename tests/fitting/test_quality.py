@@ -1,7 +1,5 @@
 """When not to believe a trial, from others and from that trial alone."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

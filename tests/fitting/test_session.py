@@ -1,7 +1,5 @@
 """Whole sessions of a simulated experiment whose truth is known: what the station is for."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache

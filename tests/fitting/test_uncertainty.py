@@ -1,7 +1,5 @@
 """How repeats are put together."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """One recorded session for all tests of the house, recorded by the first process that needs it."""
 
-from __future__ import annotations
-
 import shutil
 from functools import partial
 from pathlib import Path

@@ -3,8 +3,6 @@
 With --sample: record the session that comes with the library.
 """
 
-from __future__ import annotations
-
 import os
 import sys
 from pathlib import Path

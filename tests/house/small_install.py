@@ -3,8 +3,6 @@
 `library SESSION` walks the public package instead.
 """
 
-from __future__ import annotations
-
 import pkgutil
 import sys
 from collections.abc import Sequence

@@ -1,7 +1,5 @@
 """The Python files of the project, each parsed once for all tests of the house, and Python in a process of its own."""
 
-from __future__ import annotations
-
 import ast
 import os
 import subprocess

@@ -1,7 +1,5 @@
 """Every command of docs/commands.md, then of the README, is run in its order, in a folder with station.toml."""
 
-from __future__ import annotations
-
 import json
 import os
 import re

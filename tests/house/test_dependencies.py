@@ -1,7 +1,5 @@
 """Declared is what is imported; a small install does without the packages of every extra; wheels of other systems."""
 
-from __future__ import annotations
-
 import re
 import subprocess
 import tomllib

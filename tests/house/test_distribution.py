@@ -1,7 +1,5 @@
 """Source distribution and wheel: the same bytes from the same content, with examples, tests and the sample session."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import os

@@ -1,7 +1,5 @@
 """One root of exceptions for each folder: what the command line shows as a sentence, and with which exit code."""
 
-from __future__ import annotations
-
 import ast
 import importlib
 

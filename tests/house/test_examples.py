@@ -1,7 +1,5 @@
 """The scripts in examples/: they run as scripts and as notebooks, unedited and without arguments, and have types."""
 
-from __future__ import annotations
-
 import re
 import runpy
 import shutil

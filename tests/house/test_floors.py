@@ -1,7 +1,5 @@
 """Imports between folders, size and names of files, the example configuration, uses of effective_config."""
 
-from __future__ import annotations
-
 import ast
 import re
 import tomllib

@@ -1,7 +1,5 @@
 """The one test to run: from simulated devices on real wires to the report, with cuffs that are not published."""
 
-from __future__ import annotations
-
 import json
 import sys
 from pathlib import Path

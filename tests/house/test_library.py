@@ -1,7 +1,5 @@
 """The public package: its names, and what its functions return."""
 
-from __future__ import annotations
-
 import ast
 import inspect
 import sys

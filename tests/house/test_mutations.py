@@ -1,7 +1,5 @@
 """The mutator changes what decides and nothing else, and its list of harmless mutations is true to the code."""
 
-from __future__ import annotations
-
 import pytest
 
 from benchmarks.mutants import list_mutations

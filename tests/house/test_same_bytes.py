@@ -1,7 +1,5 @@
 """The same seed gives the same samples, figures and report on any machine: idle, busy, or with a single core."""
 
-from __future__ import annotations
-
 import json
 import os
 import re

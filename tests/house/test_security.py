@@ -1,7 +1,5 @@
 """Statements of docs/security.md: no code of a file is run, servers listen on this computer only, nothing is sent."""
 
-from __future__ import annotations
-
 import ast
 import re
 import sys

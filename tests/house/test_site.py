@@ -1,7 +1,5 @@
 """The README as a front page; the site builds strictly, fetches nothing, and its reference is that of the code."""
 
-from __future__ import annotations
-
 import ast
 import re
 import sys

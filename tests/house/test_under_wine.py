@@ -1,7 +1,5 @@
 """A session, a killed recorder, the page, a console and pip's launcher in the Windows Python of .ci/windows-python."""
 
-from __future__ import annotations
-
 import io
 import math
 import shutil

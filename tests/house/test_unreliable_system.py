@@ -3,8 +3,6 @@
 Calls of the C library are replaced; those of Wine use the same.
 """
 
-from __future__ import annotations
-
 import os
 import shutil
 import subprocess

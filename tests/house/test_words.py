@@ -1,7 +1,5 @@
 """One name for one thing: no public class twice, no replaced name or phrase, one line for a term of the glossary."""
 
-from __future__ import annotations
-
 import ast
 import io
 import re

@@ -1,7 +1,5 @@
 """Recordings of a few kilobytes that would unpack to gigabytes, or be searched for minutes: bytes, made by hand."""
 
-from __future__ import annotations
-
 import struct
 import zlib
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Framing, byte by byte: what stands before a cut is read, what is broken is named, and nothing is made up."""
 
-from __future__ import annotations
-
 import struct
 from dataclasses import replace
 from io import BufferedReader, FileIO

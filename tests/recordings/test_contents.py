@@ -1,7 +1,5 @@
 """What `station info` says of a recording."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

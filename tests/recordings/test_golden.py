@@ -1,7 +1,5 @@
 """Recordings made by the first version of the format open, to the last bit, for as long as there is this project."""
 
-from __future__ import annotations
-
 from hashlib import sha256
 from pathlib import Path
 from types import ModuleType

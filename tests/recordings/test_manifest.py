@@ -1,7 +1,5 @@
 """The manifest survives its file, and what later versions add to it."""
 
-from __future__ import annotations
-
 import json
 import re
 

@@ -1,7 +1,5 @@
 """Every bit that goes in comes out, and forged bytes come to nothing."""
 
-from __future__ import annotations
-
 import re
 from io import BytesIO
 from pathlib import Path

@@ -1,7 +1,5 @@
 """A recording opens as far as its bytes are good, and says how far that is."""
 
-from __future__ import annotations
-
 import tracemalloc
 from dataclasses import replace
 from io import BytesIO

@@ -1,7 +1,5 @@
 """A recovery keeps all that can be read, adds nothing, harms nothing and says what is missing."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

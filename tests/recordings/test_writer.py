@@ -1,7 +1,5 @@
 """What the writer promises: it never overwrites, never waits, and never calls stored what is not."""
 
-from __future__ import annotations
-
 import errno
 import gc
 import io

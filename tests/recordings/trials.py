@@ -1,7 +1,5 @@
 """A small trial to write into files, and ways to compare what comes back."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any

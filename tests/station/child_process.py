@@ -1,7 +1,5 @@
 """End a child process of a test: at once, or with a key of its terminal."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess

@@ -1,7 +1,5 @@
 """Children of tests: the first argument of main() names their behaviour."""
 
-from __future__ import annotations
-
 import sys
 from threading import Event, Thread
 from typing import Any

@@ -1,7 +1,5 @@
 """The command line in this process: exit code, both streams, the code of an error; and the help of a verb."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import StrEnum

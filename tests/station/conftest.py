@@ -1,7 +1,5 @@
 """The command line, run in this process; a wearer's session, recorded once."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Callable
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Loads from outside, as OpenSim's files have them."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -3,8 +3,6 @@
 Numbers that its page shows and does not list in report.json are found without the station.
 """
 
-from __future__ import annotations
-
 import json
 import re
 from html import unescape

@@ -1,7 +1,5 @@
 """The link between a parent and its child, whatever becomes of one of them; the same on Linux and Windows."""
 
-from __future__ import annotations
-
 import signal
 import subprocess
 import sys

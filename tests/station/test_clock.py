@@ -1,7 +1,5 @@
 """Host time of the samples of a stream, by the block with the least delay so far."""
 
-from __future__ import annotations
-
 import sys
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Flipped bits in a stored recording: the fit reports the damage first, without other diagnoses, and exits with 3."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The demo with a missing part: it reports the rest, names the missing part, and exits with 3."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace

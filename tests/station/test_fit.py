@@ -1,7 +1,5 @@
 """`station fit`: printed results and written files."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path

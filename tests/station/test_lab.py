@@ -3,8 +3,6 @@
 The folder's name has a space and letters outside ASCII, and the configuration has a byte order mark and CRLF.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import shutil

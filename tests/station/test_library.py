@@ -1,7 +1,5 @@
 """The functions of the public package on a leg with a free pelvis, beside the verb that solves the same files."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Options, help and exit codes that are the same in every verb; options without effect are wrong usage."""
 
-from __future__ import annotations
-
 import inspect
 import json
 import subprocess

@@ -1,7 +1,5 @@
 """Stages on stderr: bars on a terminal, one line each elsewhere."""
 
-from __future__ import annotations
-
 from io import StringIO
 from unittest.mock import Mock
 

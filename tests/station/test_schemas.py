@@ -1,7 +1,5 @@
 """The published JSON Schemas are those by which the station writes and reads."""
 
-from __future__ import annotations
-
 from docs.reference.schemas import SCHEMAS, schema_texts
 
 

@@ -1,7 +1,5 @@
 """Lines that are typed or piped in, on Linux and Windows."""
 
-from __future__ import annotations
-
 import io
 import os
 import subprocess

@@ -1,7 +1,5 @@
 """What the library and the commands import before they do their work: seconds that a user waits for at every call."""
 
-from __future__ import annotations
-
 import json
 import shutil
 import subprocess

@@ -1,7 +1,5 @@
 """What a fit prints of a cuff that was pulled in several directions, and an assessment of its intervals."""
 
-from __future__ import annotations
-
 import io
 from collections.abc import Callable
 from dataclasses import replace

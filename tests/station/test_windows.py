@@ -1,7 +1,5 @@
 """Rules of Windows, imitated on other systems: open files, names, path lengths, Ctrl-Break."""
 
-from __future__ import annotations
-
 import ast
 import os
 import runpy

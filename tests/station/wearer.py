@@ -3,8 +3,6 @@
 Recorded once for all processes by the fixture `wearer` (tests/station/conftest.py), in two seconds.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """The simulated cuff against what mechanics says about it, in closed form."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given, settings

@@ -1,7 +1,5 @@
 """What laboratories do with nidaqmx beyond our driver, against the simulated server."""
 
-from __future__ import annotations
-
 import contextlib
 import threading
 from collections.abc import Iterator

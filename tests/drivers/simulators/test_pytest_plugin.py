@@ -1,7 +1,5 @@
 """What other laboratories get: the fixture, registered with pytest by the package."""
 
-from __future__ import annotations
-
 import socket
 import time
 from collections.abc import Callable

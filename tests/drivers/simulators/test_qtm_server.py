@@ -1,7 +1,5 @@
 """The simulated QTM, asked by unmodified qtm_rt."""
 
-from __future__ import annotations
-
 import asyncio
 import errno
 import math

@@ -3,8 +3,6 @@
 The clock's port, asked as any station would in any language: lines of JSON over TCP.
 """
 
-from __future__ import annotations
-
 import json
 import socket
 import subprocess

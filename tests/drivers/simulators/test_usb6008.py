@@ -1,7 +1,5 @@
 """The simulated instrument by itself, in a world whose clock is advanced by the test."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """The person of the simulated bench: shoulder, markers, cord and electrodes over a pose and a motion."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.linalg import expm

@@ -1,7 +1,5 @@
 """The World and its clock at times that a test chooses."""
 
-from __future__ import annotations
-
 import logging
 import math
 import threading

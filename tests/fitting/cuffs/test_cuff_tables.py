@@ -1,7 +1,5 @@
 """Cuffs as a user gives them in Python."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from dataclasses import replace

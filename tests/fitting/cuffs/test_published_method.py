@@ -1,7 +1,5 @@
 """The published method on sessions whose truth is known; the repeat that disagrees; a cuff as OpenSim's force."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 from xml.etree import ElementTree

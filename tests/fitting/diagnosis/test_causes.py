@@ -1,7 +1,5 @@
 """The diagnosis on rigs and cuffs with a known defect: the cause is among the first two, and none where none is."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 

@@ -1,7 +1,5 @@
 """Errors in variables, output error, weak form and complex stiffness on records whose truth is known."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Stretch of a dynamic trial that is fitted, trials without damping, the lag from a known stiffness, and slip."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

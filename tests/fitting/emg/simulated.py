@@ -4,8 +4,6 @@ EMG and activation with other kinds of noise, whose lag and correlation are know
 Does not imitate: crosstalk, movement of the electrode over the muscle, hum, an amplifier that clips.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal, get_args

@@ -1,7 +1,5 @@
 """Channels of no use are found before they are processed, sound ones are kept; their envelopes."""
 
-from __future__ import annotations
-
 import gzip
 from dataclasses import replace
 from pathlib import Path

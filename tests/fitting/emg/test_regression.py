@@ -1,7 +1,5 @@
 """The closed forms of the regression against dense matrices."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy import special, stats

@@ -1,7 +1,5 @@
 """Shape, change and regression of EMG beside a model: known truth comes out, and intervals cover it."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

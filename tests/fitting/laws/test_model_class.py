@@ -1,7 +1,5 @@
 """The comparison of laws on donnings whose law is known."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Displacement in the anchor's frame: sway, missing, frozen and loose markers, ghosts, slow noise."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Force and displacement that do not belong together: not on one clock, or a force that drifts under held loads."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 

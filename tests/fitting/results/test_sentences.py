@@ -1,7 +1,5 @@
 """Every code is rendered as a sentence, once."""
 
-from __future__ import annotations
-
 import re
 
 import pytest

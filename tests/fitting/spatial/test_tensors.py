@@ -1,7 +1,5 @@
 """Pulls in several directions: K and C in space with errors that hold, and nothing where directions are missing."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from functools import cache

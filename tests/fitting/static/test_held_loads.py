@@ -1,7 +1,5 @@
 """Static trials whose truth is known: what held loads must give (T5 to T7, T10, T11), and decisions on slip."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Stiffness without slip: the segments, the interval, and what cannot be distinguished."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import replace

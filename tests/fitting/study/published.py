@@ -1,7 +1,5 @@
 """Published measurements with published variance components."""
 
-from __future__ import annotations
-
 import numpy as np
 
 AIAG = np.array(

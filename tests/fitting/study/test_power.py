@@ -1,7 +1,5 @@
 """Planned errors and power, compared with the errors that the fits report and with simulated studies."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np

@@ -1,7 +1,5 @@
 """REML and mixed models: the textbook form, balanced designs, variance components of published data."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """EMG on session time: on the DAQ's clock, by a recorded sync line, and by clock offsets, with known clocks."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Volts, newtons and codes; lag, gain and zero from a bounce of a rig that another physics moved."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 

@@ -5,8 +5,6 @@ run fast or slow. The camera counts its own seconds, the DAQ samples the line's 
 samples and the number of frames are handed on.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Literal, NamedTuple
 

@@ -1,7 +1,5 @@
 """Faults of a recorded sync line are named, edges are found where they can be, and the certificate holds."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 

@@ -1,7 +1,5 @@
 """Streams on session time, from tracks written by hand whose times are known."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import cache

@@ -1,7 +1,5 @@
 """Recordings become trials: the clock, the units, the cut, and what cannot be used. Damaged tracks are refused."""
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Iterator

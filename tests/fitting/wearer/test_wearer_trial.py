@@ -1,7 +1,5 @@
 """A recording of the wearer on one clock, from the streams of test_analog_signals."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """C3D files, as other programs write them and as written here: markers and analog signals, and refusals."""
 
-from __future__ import annotations
-
 import re
 import struct
 import warnings

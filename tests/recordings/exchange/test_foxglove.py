@@ -1,7 +1,5 @@
 """The export for Foxglove, read by the mcap package with Foxglove's own classes, and by Rerun's own loader."""
 
-from __future__ import annotations
-
 import re
 import struct
 import subprocess

@@ -1,7 +1,5 @@
 """Joint forces as Orthoload publishes them: seeded records come back, bad ones are refused."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Tables of samples, signals in CSV, delimited EMG and .exp files: written, read back, and refused by line."""
 
-from __future__ import annotations
-
 import gzip
 from pathlib import Path
 

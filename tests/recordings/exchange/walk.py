@@ -1,7 +1,5 @@
 """A small walk of three markers, one of them hidden for a while, one never seen again."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from recordings.exchange.sample_tables import MarkerTable

@@ -3,8 +3,6 @@
 Run as `python -m tests.recordings.golden.make_format_1 NEW_FILE.mcap` it writes such a file with the code of today.
 """
 
-from __future__ import annotations
-
 import sys
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """From cuffs.json to assessment.json, its decision, the activations, and the report's section on the suit."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from collections.abc import Iterator, Mapping

@@ -1,7 +1,5 @@
 """uncertainty.toml: every key, defaults, refusals that name the key, and spreads from repeated donnings."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Compilation in other processes: its progress is shown, and no failure of it affects the command."""
 
-from __future__ import annotations
-
 import logging
 import os
 import subprocess

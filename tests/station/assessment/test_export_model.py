@@ -1,7 +1,5 @@
 """The suited model as a file: from the bundled table or a user's .osim, and a sentence where it cannot be."""
 
-from __future__ import annotations
-
 import xml.etree.ElementTree as Xml
 from collections.abc import Callable
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Findings follow from the intervals, and an unknown figure is never a number."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import fields, replace
 

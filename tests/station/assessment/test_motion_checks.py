@@ -1,7 +1,5 @@
 """Motions that contradict the model: the wrong coordinates are named with their values, and no others."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """People from the command line to assessment.json: intervals, decision, table; tasks are kept and continued."""
 
-from __future__ import annotations
-
 import copy
 import csv
 import json

@@ -1,7 +1,5 @@
 """rmr and static optimisation from files to files: formats with the same numbers, what is stored, and faults."""
 
-from __future__ import annotations
-
 import json
 import re
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """`station rmr` with a model that it refuses, or a frame without a solution: the message names what to do."""
 
-from __future__ import annotations
-
 import json
 import re
 import xml.etree.ElementTree as Xml

@@ -1,7 +1,5 @@
 """A suit on a leg: the files of examples/leg, from the command line to the report."""
 
-from __future__ import annotations
-
 import json
 import runpy
 import sys

@@ -1,7 +1,5 @@
 """A motion with EMG from another process, from the recording to the fit (test_emg_outlet.py runs this file)."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterator, Sequence
 from pathlib import Path

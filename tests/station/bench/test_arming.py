@@ -1,7 +1,5 @@
 """Arming, missing first frames, live previews before a capture, and streams that fall silent."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

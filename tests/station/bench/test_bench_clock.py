@@ -1,7 +1,5 @@
 """Clocks of the station, and trials on the clock of a simulated bench: what holds the world, and what ends with it."""
 
-from __future__ import annotations
-
 import logging
 import re
 import socket

@@ -1,7 +1,5 @@
 """A trial with an EMG amplifier that has a clock of its own beside DAQ and mocap system."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from pathlib import Path
 

@@ -3,8 +3,6 @@
 This is a short run; benchmarks/fuzz.py runs longer.
 """
 
-from __future__ import annotations
-
 import contextlib
 import io
 import json

@@ -1,7 +1,5 @@
 """Check with a known mass: its reading, its line in the session folder, and its effect on the fit."""
 
-from __future__ import annotations
-
 import io
 import json
 from collections.abc import Callable, Sequence

@@ -1,7 +1,5 @@
 """A feed and its ledger: the file accounts for every sample that a device numbered."""
 
-from __future__ import annotations
-
 import json
 import threading
 import time

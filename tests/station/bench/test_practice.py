@@ -1,7 +1,5 @@
 """The commands of the README on the simulated bench: known mass, and a bounce that is armed during a capture."""
 
-from __future__ import annotations
-
 import json
 import signal
 import subprocess

@@ -1,7 +1,5 @@
 """Trials with a load cell on a serial line, and trials of the wearer."""
 
-from __future__ import annotations
-
 import io
 import socket
 import threading

@@ -1,7 +1,5 @@
 """Measured and simulated data in separate folders, by the identities of the devices and by the manifests."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from collections.abc import Callable, Iterator

@@ -1,7 +1,5 @@
 """Faults of the sync line on a simulated bench: found by the recorder or by the certificate of the fit."""
 
-from __future__ import annotations
-
 import json
 import re
 from dataclasses import dataclass

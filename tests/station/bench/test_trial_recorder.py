@@ -1,7 +1,5 @@
 """One trial from its devices to its file, and what ends it from outside."""
 
-from __future__ import annotations
-
 import os
 import re
 import shutil

@@ -1,7 +1,5 @@
 """Every state of a trial against everything that can happen to it."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

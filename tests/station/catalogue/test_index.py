@@ -1,7 +1,5 @@
 """The catalogue of a folder of sessions: its rows, its participants, and queries."""
 
-from __future__ import annotations
-
 import json
 import os
 import shutil

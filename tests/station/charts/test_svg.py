@@ -1,7 +1,5 @@
 """Charts as SVG: well-formed, with text, hover titles and classes instead of colours."""
 
-from __future__ import annotations
-
 import re
 import xml.etree.ElementTree as ET
 

@@ -1,7 +1,5 @@
 """A browser that looks at a console's page, for tests that see what an operator sees."""
 
-from __future__ import annotations
-
 import re
 import shutil
 import time

@@ -1,7 +1,5 @@
 """A live process of the tests: the arm raise of the bundled model with made-up activations, published as in earnest."""
 
-from __future__ import annotations
-
 import math
 import time
 from dataclasses import dataclass, field, replace

@@ -1,7 +1,5 @@
 """A console in a process of its own, for tests that look at it from outside."""
 
-from __future__ import annotations
-
 import os
 import socket
 import subprocess

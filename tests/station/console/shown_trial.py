@@ -3,8 +3,6 @@
 The page shows that line at once and on any computer.
 """
 
-from __future__ import annotations
-
 import json
 import sys
 from collections.abc import Iterator

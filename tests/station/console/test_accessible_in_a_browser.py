@@ -1,7 +1,5 @@
 """axe-core finds nothing serious on the operator's pages, from the set-up to the end of a session."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """A letter is text in a field and a key elsewhere; what is typed survives the console."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """Where the console's page has its buttons, findings and markers, in a browser."""
 
-from __future__ import annotations
-
 import json
 import time
 from functools import partial

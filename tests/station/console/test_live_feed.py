@@ -1,7 +1,5 @@
 """Live values on their way to the pages: one subscription, common rest length, and what remains when they stop."""
 
-from __future__ import annotations
-
 import asyncio
 import math
 import time

@@ -1,7 +1,5 @@
 """The live page as a visitor sees it: body, effort, rest length, age, and every outcome as a line."""
 
-from __future__ import annotations
-
 import os
 import re
 import socket

@@ -1,7 +1,5 @@
 """The page after an action: it shows the new state also if the button that was pressed is gone."""
 
-from __future__ import annotations
-
 import asyncio
 import gc
 import math

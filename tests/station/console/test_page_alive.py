@@ -1,7 +1,5 @@
 """The page while a trial runs: what is old is marked, charts and marks answer at once, markers are rotated."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator
 from contextlib import suppress

@@ -1,7 +1,5 @@
 """Access to the console: this machine without a token, others with it, no page of another site."""
 
-from __future__ import annotations
-
 import asyncio
 import socket
 from pathlib import Path

@@ -1,7 +1,5 @@
 """A whole session as an operator does it: in a browser, on simulated devices, to the report."""
 
-from __future__ import annotations
-
 import json
 import re
 from datetime import datetime

@@ -1,7 +1,5 @@
 """Pose and motion of a wearer as an operator guides them: in a browser, on a simulated person."""
 
-from __future__ import annotations
-
 import json
 import re
 from functools import partial

@@ -1,7 +1,5 @@
 """A lab's EMG: two channels that follow two muscles of a model, in repeats, with maximum voluntary contractions."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

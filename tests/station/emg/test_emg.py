@@ -1,7 +1,5 @@
 """station emg, on the command line and on public data: envelopes, shapes, change and report."""
 
-from __future__ import annotations
-
 import gzip
 import json
 from pathlib import Path

@@ -1,7 +1,5 @@
 """EMG of every format has an even sample rate and, with a unit, volts; its activations fit the trial."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path

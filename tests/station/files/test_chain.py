@@ -1,7 +1,5 @@
 """A file that has changed since it was recorded is reported by every verb that reads it, and by `station verify`."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import os

@@ -1,7 +1,5 @@
 """Files of other programs become recordings; options that cannot be used are wrong usage."""
 
-from __future__ import annotations
-
 import errno
 import os
 import re

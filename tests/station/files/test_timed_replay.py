@@ -1,7 +1,5 @@
 """A recording through its simulated devices again: the same samples at the same times."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -3,8 +3,6 @@
 What the verbs import is imported once, before the forks: it would take most of their processor time.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import re

@@ -2,8 +2,6 @@
 and keeps the readable part of a recording.
 """
 
-from __future__ import annotations
-
 import atexit
 import json
 import os

@@ -1,7 +1,5 @@
 """station ik, on the command line: from a TRC and a set-up to a motion that the other verbs read."""
 
-from __future__ import annotations
-
 import json
 from functools import cache
 from pathlib import Path

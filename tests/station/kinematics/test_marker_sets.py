@@ -1,7 +1,5 @@
 """Marker sets by name, and a lab's own. Markers that do not go with the model are refused, odd ones are findings."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from dataclasses import replace

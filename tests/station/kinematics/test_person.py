@@ -1,7 +1,5 @@
 """station scale without a set-up: from all trials of a person to a model, a set-up and a record."""
 
-from __future__ import annotations
-
 import json
 import math
 import xml.etree.ElementTree as Xml

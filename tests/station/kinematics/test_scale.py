@@ -1,7 +1,5 @@
 """station scale, on the command line."""
 
-from __future__ import annotations
-
 import xml.etree.ElementTree as Xml
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The live outlet seen by an inlet of pylsl (test_outlet.py runs this file in a network of its own)."""
 
-from __future__ import annotations
-
 import os
 import socket
 import stat

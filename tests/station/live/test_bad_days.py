@@ -1,7 +1,5 @@
 """What goes wrong on a bad day has a code that the views show, and never ends the stream."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Live results: the outlet, confined to an interface and off by default; the table, with the hash of the recording."""
 
-from __future__ import annotations
-
 import csv
 import hashlib
 import json

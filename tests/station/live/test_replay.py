@@ -1,7 +1,5 @@
 """The same frames give the same values to the bit: live through the pipe, and in a replay from the file."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

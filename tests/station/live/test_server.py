@@ -1,7 +1,5 @@
 """Updates reach any number of views; a view that does not read loses updates, and holds up nothing."""
 
-from __future__ import annotations
-
 import json
 import math
 import os

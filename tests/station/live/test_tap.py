@@ -1,7 +1,5 @@
 """The recorder's end of the pipe: a live process that crashes, freezes or never starts does not touch a recording."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path

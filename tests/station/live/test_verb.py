@@ -1,7 +1,5 @@
 """`station live` on a recording and on a folder, and its table."""
 
-from __future__ import annotations
-
 import io
 import json
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Parts of the recorded wearer (tests/station/wearer.py) and plans on the generic body, for tests of live operation."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Every code of the station has one sentence, which its figures fill."""
 
-from __future__ import annotations
-
 import enum
 import importlib
 import pkgutil

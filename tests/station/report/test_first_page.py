@@ -1,7 +1,5 @@
 """The first page: effect of every cuff in words, the decision as assessed, and limits by their codes."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import pytest

@@ -1,7 +1,5 @@
 """The report's part on the cuffs: a picture of every repeat, what checks the law, and what other programs need."""
 
-from __future__ import annotations
-
 import json
 import re
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """The report as PDF: A4 pages printed by a browser, and a code where the extra or a browser is missing."""
 
-from __future__ import annotations
-
 import re
 import shutil
 import sys

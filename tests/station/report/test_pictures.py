@@ -1,7 +1,5 @@
 """Drawing all figures of a page: in their sections and order, counted one by one."""
 
-from __future__ import annotations
-
 import io
 import re
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """The results of a session are computed again from the samples, and a number that does not follow is named."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from collections.abc import Callable, Iterable

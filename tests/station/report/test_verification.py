@@ -1,7 +1,5 @@
 """Every number of a report is listed with its source, and one that does not follow from it is found and named."""
 
-from __future__ import annotations
-
 import json
 import re
 import shutil

@@ -1,7 +1,5 @@
 """Simulated devices are recorded below a folder called simulated, and nowhere else."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

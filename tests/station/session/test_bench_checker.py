@@ -1,7 +1,5 @@
 """One check of the bench for all pages, whose worst result decides, with readings that go into the next session."""
 
-from __future__ import annotations
-
 import asyncio
 import threading
 from collections.abc import Callable

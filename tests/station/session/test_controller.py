@@ -1,7 +1,5 @@
 """The controller without a browser: one session, at most one trial, refusals with codes."""
 
-from __future__ import annotations
-
 import asyncio
 import shutil
 import sys

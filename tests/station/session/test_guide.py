@@ -1,7 +1,5 @@
 """Instructions in tests of a cuff and in a pose or motion of the wearer, and findings of the latter."""
 
-from __future__ import annotations
-
 import shutil
 from collections.abc import Callable
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """The end of a session, in one function for every front end: cuffs on the wearer, EMG; the list of sessions."""
 
-from __future__ import annotations
-
 import json
 import os
 import shutil

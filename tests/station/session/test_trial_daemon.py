@@ -3,8 +3,6 @@
 Telemetry shows values, marks, tares and alarms of the running trial.
 """
 
-from __future__ import annotations
-
 import asyncio
 import math
 import os

@@ -4,8 +4,6 @@ Only session.jsonl and cuffs.json are written. The values are drawn here from no
 that estimates the components.
 """
 
-from __future__ import annotations
-
 import json
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,7 +1,5 @@
 """A study of many sessions, and the plan of one: figures, document, page and refusals."""
 
-from __future__ import annotations
-
 import json
 import math
 import re

@@ -3,8 +3,6 @@
 The simulated person shares no code with the solver (drivers/simulators/wearer.py).
 """
 
-from __future__ import annotations
-
 import json
 import shutil
 import tomllib

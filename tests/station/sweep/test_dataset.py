@@ -1,7 +1,5 @@
 """A sweep without a cluster: its plan, its table, its failures, and what it keeps between runs."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterable, Iterator
 from enum import StrEnum

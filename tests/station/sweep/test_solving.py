@@ -1,7 +1,5 @@
 """Sweeps on real worker processes: killed worker, killed sweep, silent scheduler, no access from other machines."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """Commands as lines and as keys."""
 
-from __future__ import annotations
-
 import pytest
 
 from station.messages.session_messages import CommandCode

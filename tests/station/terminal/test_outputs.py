@@ -1,7 +1,5 @@
 """Events as text that fits the terminal and as JSON; a reader that ends does not end the session."""
 
-from __future__ import annotations
-
 import io
 import json
 import math

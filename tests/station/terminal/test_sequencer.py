@@ -1,7 +1,5 @@
 """A session without a page: its own decisions, its questions, and problems between two trials."""
 
-from __future__ import annotations
-
 import asyncio
 import threading
 from collections.abc import Callable

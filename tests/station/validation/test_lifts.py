@@ -1,7 +1,5 @@
 """The in-vivo table: published figures from the published files themselves, ours within the limits, faults by code."""
 
-from __future__ import annotations
-
 import csv
 import io
 import re

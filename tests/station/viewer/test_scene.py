@@ -1,7 +1,5 @@
 """Trials, bodies and live values in Rerun, on one timeline, as Rerun's own reader prints them."""
 
-from __future__ import annotations
-
 import json
 import re
 import subprocess
