@@ -34,12 +34,7 @@ from solver.redundancy.motion_solution import LoadedMotion
 from solver.suit.cord import SuitScenario
 from solver.suit.decision import BASES, Basis, CuffDecision, DecisionOutcome, DecisionRule, decide
 from solver.suit.quantity import interval_of_draws
-from solver.suit.scenarios import (
-    LARGE_RESERVES,
-    SuitedMotion,
-    prepare_suited_motion,
-    solve_scenarios,
-)
+from solver.suit.scenarios import LARGE_RESERVES, SuitedMotion, prepare_suited_motion, solve_scenarios
 from solver.suit.suit import read_suit
 from solver.uncertainty.factors import normal_scores, random_factors, scores_by_factor, unit_sample
 from solver.uncertainty.sources import DonningSpread, UncertaintySources

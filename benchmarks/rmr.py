@@ -31,13 +31,7 @@ from solver.motion import Kinematics, decimate, differentiate
 from solver.redundancy.effort import RedundancyOptions
 from solver.redundancy.mechanics import evaluate_motion
 from solver.redundancy.motion_solution import solve_motion
-from solver.redundancy.problem import (
-    CONE_FORCE_SCALE,
-    FrameOutcome,
-    LoadResponse,
-    RedundancyProblem,
-    build_redundancy,
-)
+from solver.redundancy.problem import CONE_FORCE_SCALE, FrameOutcome, LoadResponse, RedundancyProblem, build_redundancy
 from solver.redundancy.sequence import ScenarioSolutions, solve_redundancy
 from tests.solver.published import trial
 from tests.solver.references import NO_WEIGHT, SHARED

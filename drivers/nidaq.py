@@ -225,9 +225,7 @@ class NiDaq:
                 max_val=one.range_v,
             )
         task.timing.cfg_samp_clk_timing(
-            self._rate_hz,
-            sample_mode=AcquisitionType.CONTINUOUS,
-            samps_per_chan=int(BUFFER_S * self._rate_hz),
+            self._rate_hz, sample_mode=AcquisitionType.CONTINUOUS, samps_per_chan=int(BUFFER_S * self._rate_hz)
         )
         if self._start == "pfi0" and not self._has_begun:
             task.triggers.start_trigger.cfg_dig_edge_start_trig(f"/{self._device}/PFI0", trigger_edge=Edge.RISING)

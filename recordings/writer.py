@@ -264,8 +264,7 @@ class RecordingWriter:
         """Raises WriteFailed if the path no longer names the file that was written."""
         if not self._path.exists():
             raise WriteFailed(
-                f"{self._path} was moved while it was written; it is complete at its new place",
-                RecordingCode.MOVED,
+                f"{self._path} was moved while it was written; it is complete at its new place", RecordingCode.MOVED
             )
         if not self._is_at_its_path:
             raise WriteFailed(

@@ -34,11 +34,7 @@ def scale(factor: float, a: Vector) -> Vector:
 @compiled
 def along(start: Vector, distance: float, direction: Vector) -> Vector:
     """start + distance · direction."""
-    return (
-        start[0] + distance * direction[0],
-        start[1] + distance * direction[1],
-        start[2] + distance * direction[2],
-    )
+    return (start[0] + distance * direction[0], start[1] + distance * direction[1], start[2] + distance * direction[2])
 
 
 @compiled

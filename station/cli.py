@@ -27,15 +27,7 @@ from solver.errors import SolverError
 from station.errors import StationError
 from station.exit_code import DONE, ENDED_BY_CTRL_C, FAILED, INTERRUPTED
 from station.extras import with_extras
-from station.verbs import (
-    bench,
-    files,
-    kinematics,
-    muscles,
-    study,
-    suits,
-    whole,
-)
+from station.verbs import bench, files, kinematics, muscles, study, suits, whole
 from station.verbs.options import print_message
 
 if TYPE_CHECKING:

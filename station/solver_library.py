@@ -87,10 +87,7 @@ def load_motion(
 
 
 def solve_motion(
-    model: Model,
-    kinematics: Kinematics,
-    options: RedundancyOptions | None = None,
-    external_loads: File | None = None,
+    model: Model, kinematics: Kinematics, options: RedundancyOptions | None = None, external_loads: File | None = None
 ) -> MotionSolution:
     """Solve the muscle-redundancy problem of every frame: activations, forces and joint reactions.
 
@@ -151,13 +148,7 @@ def open_stream(
         name: StreamScenario(length, condition, waist, arm) for name, length in (rest_lengths or {}).items()
     }
     return StreamSolver(
-        model,
-        tasks,
-        scenarios,
-        suit=_suit(suit),
-        options=_options(options),
-        lag_s=lag_s,
-        soft_tissue_m=soft_tissue_m,
+        model, tasks, scenarios, suit=_suit(suit), options=_options(options), lag_s=lag_s, soft_tissue_m=soft_tissue_m
     )
 
 

@@ -249,12 +249,7 @@ class _Service(NiDAQmxServicer):
     def GetChanAttributeDouble(self, request: Any) -> Attributes:
         task = self._task(request)
         channel = task.inputs[_named(task, request.channel)[0]]
-        return {
-            HIGHEST: channel.highest_v,
-            LOWEST: channel.lowest_v,
-            0x1815: channel.range_v,
-            0x1816: -channel.range_v,
-        }
+        return {HIGHEST: channel.highest_v, LOWEST: channel.lowest_v, 0x1815: channel.range_v, 0x1816: -channel.range_v}
 
     @rpc
     def SetChanAttributeDouble(self, request: Any) -> None:

@@ -65,11 +65,7 @@ class World:
     """
 
     def __init__(
-        self,
-        settings: Settings,
-        speed: float | None = 1.0,
-        seed: int = 0,
-        fault_plan: Iterable[Fault] = (),
+        self, settings: Settings, speed: float | None = 1.0, seed: int = 0, fault_plan: Iterable[Fault] = ()
     ) -> None:
         self.settings = settings
         self.clock = WorldClock(speed)

@@ -403,11 +403,7 @@ def _without_misfit(findings: Iterable[Finding], classes: ModelComparison | None
 
 
 def find_causes(
-    findings: Sequence[Finding],
-    pulls: Sequence[FittedPull],
-    classes: ModelComparison | None,
-    *,
-    creeps: bool = True,
+    findings: Sequence[Finding], pulls: Sequence[FittedPull], classes: ModelComparison | None, *, creeps: bool = True
 ) -> tuple[Cause, ...]:
     """Causes indicated by the findings on these trials and by the comparison of laws, most severe first.
 
@@ -426,10 +422,7 @@ def find_causes(
 
 
 def _rig_causes(
-    findings: Sequence[Finding],
-    static: Sequence[FittedPull],
-    dynamic: Sequence[Swung],
-    classes: ModelComparison | None,
+    findings: Sequence[Finding], static: Sequence[FittedPull], dynamic: Sequence[Swung], classes: ModelComparison | None
 ) -> Iterator[Cause]:
     by_code = {finding.code: finding for finding in findings}
     bare = [fitted.plateaus[0].force for fitted in static]

@@ -120,10 +120,7 @@ def identify(
 
 
 def started_before(
-    static: Sequence[Pull],
-    trials: Sequence[Trial],
-    rejected: Sequence[RejectedTrial],
-    reasons: Mapping[str, Note],
+    static: Sequence[Pull], trials: Sequence[Trial], rejected: Sequence[RejectedTrial], reasons: Mapping[str, Note]
 ) -> list[str]:
     """Unreadable static recordings earlier than the first static trial, in which the cuff may have migrated."""
     if not static:

@@ -155,11 +155,7 @@ def _require_cycles(pull: Pull, oscillation: Oscillation) -> None:
         raise UnusableTrial(RejectionCode.FEW_CYCLES, {"cycles": oscillation.cycles, "expected": MIN_CYCLES})
     per_cycle = 1 / float(np.median(np.diff(pull.force_time))) / oscillation.frequency
     if per_cycle < MIN_SAMPLES_PER_CYCLE:
-        figures = {
-            "samples": per_cycle,
-            "frequency_hz": oscillation.frequency,
-            "expected": MIN_SAMPLES_PER_CYCLE,
-        }
+        figures = {"samples": per_cycle, "frequency_hz": oscillation.frequency, "expected": MIN_SAMPLES_PER_CYCLE}
         raise UnusableTrial(RejectionCode.FEW_SAMPLES, figures)
     frame_rate = 1 / float(np.median(np.diff(pull.marker_time)))
     if frame_rate < MIN_FRAME_RATE:

@@ -124,11 +124,7 @@ class _Step:
 
 
 def _converge(
-    swing: Swing,
-    spline: Spline,
-    seen: NDArray[np.bool_],
-    noise: tuple[float, float],
-    parameters: NDArray[np.float64],
+    swing: Swing, spline: Spline, seen: NDArray[np.bool_], noise: tuple[float, float], parameters: NDArray[np.float64]
 ) -> _Step:
     """Gauss-Newton with given noise until the parameters have converged."""
     markers = spline.design(swing.marker_time)[0]
@@ -270,9 +266,7 @@ def lag_from_magnitude(
     weight /= weight.sum()
     lag, mean = float(weight @ lags), float(weight @ damping)
     return LagPosterior(
-        lag,
-        math.sqrt(float(weight @ (lags - lag) ** 2)),
-        math.sqrt(float(weight @ (damping - mean) ** 2)),
+        lag, math.sqrt(float(weight @ (lags - lag) ** 2)), math.sqrt(float(weight @ (damping - mean) ** 2))
     )
 
 

@@ -107,11 +107,7 @@ def pool_shapes(comparisons: Sequence[ShapeComparison]) -> PooledShape | None:
     lags = [_repeat(found.lag, *found.lag_ci95) for found in with_lag]
     low, high = np.tanh(z.ci95).tolist()
     return PooledShape(
-        float(np.tanh(z.value)),
-        (low, high),
-        combine(lags) if len(lags) > 1 else None,
-        len(compared),
-        len(with_lag),
+        float(np.tanh(z.value)), (low, high), combine(lags) if len(lags) > 1 else None, len(compared), len(with_lag)
     )
 
 

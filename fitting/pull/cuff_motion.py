@@ -277,11 +277,7 @@ class MarkerQuality:
 
 
 def marker_quality(
-    displacement: Array,
-    residual: Array,
-    body: Array,
-    force: Array,
-    ghosts: Mapping[str, int],
+    displacement: Array, residual: Array, body: Array, force: Array, ghosts: Mapping[str, int]
 ) -> MarkerQuality:
     """From displacement (frames, 3), anchor residual (frames,), body (frames, 3) [m] and force (frames,) [N]."""
     seen = np.isfinite(residual) & np.isfinite(force)
@@ -425,9 +421,7 @@ def _anchor_with_labels_restored(reference: Array, anchor: Array, cuff: Array) -
     is_full = is_seen(both).all(axis=1)
     restored = both.copy()
     restored[is_full] = _with_labels_restored(
-        both[is_full],
-        pose.residual[is_full],
-        lambda points: fit_pose(reference, points[:, : len(reference)]).residual,
+        both[is_full], pose.residual[is_full], lambda points: fit_pose(reference, points[:, : len(reference)]).residual
     )
     is_changed = np.asarray(_is_moved(both, restored).any(axis=1))
     anchor, cuff = restored[:, : anchor.shape[1]], restored[:, anchor.shape[1] :]

@@ -360,13 +360,7 @@ def fit_held_loads(static: Sequence[Pull], gain_sd: float) -> HeldLoads:
     durations, read_after = zip(*after_step, strict=True) if after_step else ((math.inf,), (0.0,))
     steps = {pull.trial.file: tuple(round(p.step, 2) for p in pull.plateaus if p.step is not None) for pull in static}
     return HeldLoads(
-        stiffness,
-        float(np.mean(read_after)),
-        drift,
-        creep,
-        _energy(trials),
-        steps,
-        float(np.median(durations)),
+        stiffness, float(np.mean(read_after)), drift, creep, _energy(trials), steps, float(np.median(durations))
     )
 
 

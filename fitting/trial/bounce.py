@@ -230,11 +230,7 @@ def _require_cycles(trial: BounceTrial, oscillation: Oscillation) -> None:
         raise UnusableTrial(RejectionCode.BOUNCE_FEW_CYCLES, figures)
     per_cycle = 1 / float(np.median(np.diff(trial.force_time))) / oscillation.frequency
     if per_cycle < MIN_SAMPLES_PER_CYCLE:
-        figures = {
-            "samples": per_cycle,
-            "frequency_hz": oscillation.frequency,
-            "expected": MIN_SAMPLES_PER_CYCLE,
-        }
+        figures = {"samples": per_cycle, "frequency_hz": oscillation.frequency, "expected": MIN_SAMPLES_PER_CYCLE}
         raise UnusableTrial(RejectionCode.BOUNCE_FEW_SAMPLES, figures)
 
 

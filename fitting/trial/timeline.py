@@ -17,14 +17,7 @@ from documents.message import Figures
 from fitting.errors import UnusableTrial
 from fitting.results.sentences import Note
 from fitting.results.trial_codes import RejectionCode, TrialNoteCode
-from fitting.trial.calibration import (
-    code_width,
-    find_spikes,
-    full_scale,
-    require_sound_force,
-    spike_notes,
-    to_newtons,
-)
+from fitting.trial.calibration import code_width, find_spikes, full_scale, require_sound_force, spike_notes, to_newtons
 from fitting.trial.clocks import (
     DRIFT_PRIOR_SD,
     HOST_ALIGNMENT_SD,

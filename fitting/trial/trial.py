@@ -349,9 +349,7 @@ def read_trials(
 
 
 def read_alone(
-    path: Path,
-    protocol: SessionProtocol | None = None,
-    correct: Callable[[Manifest], Manifest] | None = None,
+    path: Path, protocol: SessionProtocol | None = None, correct: Callable[[Manifest], Manifest] | None = None
 ) -> TrialReading:
     """Read one recording of any kind, without calibration by bounces. Raises ProtocolFileError as read_trials does.
 

@@ -110,8 +110,7 @@ def _require_count(header: dict[str, list[str]], key: str, found: int, verb: str
     announced = _announced(header, key, found)
     if announced != found:
         raise ForeignFile(
-            f"{path} announces {key} {announced} and {verb} {found}; export it again, whole",
-            RecordingCode.FOREIGN_CUT,
+            f"{path} announces {key} {announced} and {verb} {found}; export it again, whole", RecordingCode.FOREIGN_CUT
         )
 
 

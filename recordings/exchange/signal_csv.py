@@ -12,14 +12,7 @@ from numpy.typing import NDArray
 
 from recordings.errors import ForeignFile, RecordingCode
 from recordings.exchange.sample_tables import SignalTable, require_rising, require_single_channels
-from recordings.exchange.text import (
-    listed,
-    read_lines,
-    read_numbers,
-    require_fields,
-    without_blank_end,
-    write_table,
-)
+from recordings.exchange.text import listed, read_lines, read_numbers, require_fields, without_blank_end, write_table
 
 SEPARATORS = (",", ";", "\t")
 ABOVE = re.compile(r'#|"?sep=.?"?\s*$', re.IGNORECASE)

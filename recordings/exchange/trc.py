@@ -131,8 +131,7 @@ def _note_on_markers(header: dict[str, str], found: int, path: Path) -> tuple[st
     if announced.isdigit() and int(announced) < found:
         return (f"{path} announces NumMarkers {announced} and names {found}: all of these are read",)
     raise ForeignFile(
-        f"{path} announces NumMarkers {announced} and names {found}; export it again, whole",
-        RecordingCode.FOREIGN_CUT,
+        f"{path} announces NumMarkers {announced} and names {found}; export it again, whole", RecordingCode.FOREIGN_CUT
     )
 
 

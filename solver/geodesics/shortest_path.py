@@ -322,14 +322,7 @@ def _arc_to_tangent_point(radius: float, x: float, y: float) -> tuple[float, flo
 
 @compiled
 def _fill_neighbour(
-    matrix: Array,
-    row: int,
-    column: int,
-    end: Record,
-    neighbour: Record,
-    ahead: float,
-    above: float,
-    sense: float,
+    matrix: Array, row: int, column: int, end: Record, neighbour: Record, ahead: float, above: float, sense: float
 ) -> None:
     """Derivatives of the conditions at one end of a straight segment by the unknowns of the contact at its other end,
     which is that contact's FIRST or LAST.

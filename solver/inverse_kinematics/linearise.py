@@ -20,13 +20,7 @@ from numpy.typing import NDArray
 from solver.compiled import compiled, compiled_for_python
 from solver.constraint import WeldConstraint
 from solver.errors import SolverCode
-from solver.inverse_kinematics.pose import (
-    PoseWorkspace,
-    Skeleton,
-    differentiate_screws,
-    evaluate_pose,
-    point_in_ground,
-)
+from solver.inverse_kinematics.pose import PoseWorkspace, Skeleton, differentiate_screws, evaluate_pose, point_in_ground
 from solver.model import Constraint, CoordinateCoupler, CoordinateLock, Model, ModelError, PointConstraint
 from solver.multibody.body_tables import Functions, Indices, pack_functions
 from solver.multibody.joints import derivatives

@@ -123,11 +123,7 @@ class InverseKinematics:
 
 
 def solve_inverse_kinematics(
-    model: Model,
-    observed: Array,
-    tasks: TrackingTasks,
-    start: Array | None = None,
-    most_rounds: int = MOST_ROUNDS,
+    model: Model, observed: Array, tasks: TrackingTasks, start: Array | None = None, most_rounds: int = MOST_ROUNDS
 ) -> InverseKinematics:
     """Postures of all frames, each sought from the one before; the first from `start` (coordinates,) [rad or m].
 

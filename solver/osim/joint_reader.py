@@ -21,16 +21,7 @@ from solver.constraint import (
 )
 from solver.errors import SolverCode
 from solver.functions.coordinate_functions import Function, polynomial, scaled
-from solver.model import (
-    NO_COORDINATE,
-    Array,
-    AxisMotion,
-    BallMotion,
-    Coordinate,
-    Joint,
-    Motion,
-    ScapulothoracicMotion,
-)
+from solver.model import NO_COORDINATE, Array, AxisMotion, BallMotion, Coordinate, Joint, Motion, ScapulothoracicMotion
 from solver.osim.document import Element
 from solver.osim.names import Names, OffsetFrame, read_function, read_named_function
 

@@ -42,15 +42,7 @@ from solver.model import (
 )
 from solver.multibody.postures import body_fixed_xyz_angles
 from solver.osim.document import DRAWN, Element, read_document
-from solver.osim.elements import (
-    VERSION,
-    add,
-    add_function,
-    add_offset_frame,
-    add_values,
-    body_path,
-    find_objects,
-)
+from solver.osim.elements import VERSION, add, add_function, add_offset_frame, add_values, body_path, find_objects
 from solver.osim.force_elements import add_force
 from solver.osim.muscle_elements import add_muscle
 

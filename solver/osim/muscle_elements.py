@@ -113,10 +113,7 @@ OPTIONS = {
         "Flen": "strongest",
         "fv_linear_extrap_threshold": "linear_beyond",
     },
-    DE_GROOTE_FREGLY: {
-        "active_force_width_scale": "width",
-        "passive_fiber_strain_at_one_norm_force": "passive_strain",
-    },
+    DE_GROOTE_FREGLY: {"active_force_width_scale": "width", "passive_fiber_strain_at_one_norm_force": "passive_strain"},
 }
 """Class of muscle → its property → field of its curves; Millard's muscle has an element for every curve."""
 

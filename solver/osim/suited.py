@@ -117,10 +117,7 @@ def _add_cuff(osim: Xml.Element, part: str, rest: SuitPoint, mass: SuitMass, yie
     name, holder = f"{part}_cuff", f"/bodyset/{rest.body}"
     center = mass.center - rest.location
     add_body(find_objects(osim, "BodySet"), name, mass.mass, center, np.diag(mass.inertia))
-    sides = [
-        (holder, Placement(np.eye(3), rest.location)),
-        (f"/bodyset/{name}", Placement(np.eye(3), np.zeros(3))),
-    ]
+    sides = [(holder, Placement(np.eye(3), rest.location)), (f"/bodyset/{name}", Placement(np.eye(3), np.zeros(3)))]
     joints = find_objects(osim, "JointSet")
     if yields is None:
         add_joint(joints, "WeldJoint", f"{name}_joint", sides, [])

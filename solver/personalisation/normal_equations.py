@@ -15,12 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solver.inverse_kinematics.linearise import LinearisedFrames
-from solver.inverse_kinematics.solve import (
-    TrackingTasks,
-    allocate_workspace,
-    build_problem,
-    linearise_frames,
-)
+from solver.inverse_kinematics.solve import TrackingTasks, allocate_workspace, build_problem, linearise_frames
 from solver.model import Array, Model
 from solver.multibody.postures import postures
 

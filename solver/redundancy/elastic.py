@@ -23,13 +23,7 @@ from solver.muscle import MuscleForces
 from solver.redundancy.convex_frames import FIRST_GUESS, UNSOLVED, ClarabelFrame, ForcePoint, FrameStep, reduced_frame
 from solver.redundancy.effort import RedundancyOptions
 from solver.redundancy.mechanics import Mechanics
-from solver.redundancy.problem import (
-    FrameOutcome,
-    LoadResponse,
-    Outcomes,
-    RedundancyProblem,
-    build_redundancy,
-)
+from solver.redundancy.problem import FrameOutcome, LoadResponse, Outcomes, RedundancyProblem, build_redundancy
 from solver.redundancy.sequence import Progress, ScenarioSolutions, scenario_solutions, solve_in_turn, solve_runs
 from solver.tendons.fiber import (
     ElasticForces,

@@ -24,15 +24,7 @@ from numpy.typing import NDArray
 from solver.compiled import compiled, compiled_for_python
 from solver.inverse_kinematics.gauss_newton import IkWorkspace, Problem
 from solver.inverse_kinematics.marker_fit import LONGEST_GAP, PostureErrors
-from solver.inverse_kinematics.smoother import (
-    START_SD,
-    advance,
-    go_back,
-    observe,
-    smoothed_state,
-    transition,
-    update,
-)
+from solver.inverse_kinematics.smoother import START_SD, advance, go_back, observe, smoothed_state, transition, update
 from solver.inverse_kinematics.solve import (
     MOST_ROUNDS,
     OUTCOMES,

@@ -20,20 +20,7 @@ from __future__ import annotations
 from math import acos, cos, pi, sin, sqrt
 
 from solver.compiled import compiled
-from solver.vectors import (
-    ORIGIN,
-    Vector,
-    add,
-    along,
-    cross,
-    distance,
-    divide,
-    dot,
-    multiply,
-    scale,
-    subtract,
-    unit,
-)
+from solver.vectors import ORIGIN, Vector, add, along, cross, distance, divide, dot, multiply, scale, subtract, unit
 from solver.wrapping.fan import ANY_AXIS, Fan, closest_on_ellipsoid, fan_direction
 from solver.wrapping.path_tables import AXIAL, MIDPOINT, NOT_CONVERGED, Codes
 from solver.wrapping.segment import INSIDE_RADIUS, MANDATORY_WRAP, NO_WRAP, WrapResult, pierces, side
@@ -129,11 +116,7 @@ def _passing_point(
 @compiled
 def _on_the_allowed_side(c: Vector, a: Vector, axis: int, fan_weight: float, code: Codes) -> tuple[Vector, Vector]:
     """c mirrored to the other side, and the start of the search for tangents; a fan's c is moved towards the middle."""
-    mirrored = (
-        -c[0] if axis == 0 else c[0],
-        -c[1] if axis == 1 else c[1],
-        -c[2] if axis == 2 else c[2],
-    )
+    mirrored = (-c[0] if axis == 0 else c[0], -c[1] if axis == 1 else c[1], -c[2] if axis == 2 else c[2])
     if not fan_weight > 0.0:
         return mirrored, mirrored
     drawn = add(scale(1.0 - fan_weight, mirrored), scale(fan_weight, scale(0.5, add(c, mirrored))))

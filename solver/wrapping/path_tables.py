@@ -12,16 +12,7 @@ from numpy.typing import NDArray
 
 from documents.interval import counted
 from solver.errors import SolverCode
-from solver.model import (
-    AnyPathPoint,
-    Array,
-    Model,
-    ModelError,
-    Path,
-    PathPoint,
-    PathWrap,
-    WrapSurface,
-)
+from solver.model import AnyPathPoint, Array, Model, ModelError, Path, PathPoint, PathWrap, WrapSurface
 
 Indices = NDArray[np.int64]
 Record = np.void
@@ -43,12 +34,7 @@ POINT = np.dtype([("body", np.int64), ("changes", np.int64), ("location", np.flo
 # A moving or conditional path point in a posture: its location in its body, the derivative of that by a coordinate (−1:
 # none), and whether it belongs to the path.
 CHANGE = np.dtype(
-    [
-        ("location", np.float64, (3,)),
-        ("slope", np.float64, (3,)),
-        ("coordinate", np.int64),
-        ("is_there", np.int64),
-    ]
+    [("location", np.float64, (3,)), ("slope", np.float64, (3,)), ("coordinate", np.int64), ("is_there", np.int64)]
 )
 
 # A surface of a path, as in WrapSurface. The path stays where coordinate `axis` of the surface's frame has the sign

@@ -316,14 +316,7 @@ def _sphere_tangents(point: Vector, normal: Vector, radius: float) -> tuple[Vect
 
 @compiled
 def _pair_on_the_allowed_side(
-    start: Vector,
-    end: Vector,
-    start_a: Vector,
-    start_b: Vector,
-    end_a: Vector,
-    end_b: Vector,
-    axis: int,
-    allowed: int,
+    start: Vector, end: Vector, start_a: Vector, start_b: Vector, end_a: Vector, end_b: Vector, axis: int, allowed: int
 ) -> tuple[Vector, Vector, bool]:
     """The tangent points of a path on the allowed side, and whether it takes the longer arc."""
     inwards = unit(scale(-1.0, add(start, end)))

@@ -233,10 +233,7 @@ def _findings_on_inputs(case: AssessedCase, on_loads: dict[str, str], *, has_peo
 
 
 def assess_file(
-    inputs: AssessmentInputs,
-    output: Path,
-    people: PeopleRun | None = None,
-    progress: Progress = silent,
+    inputs: AssessmentInputs, output: Path, people: PeopleRun | None = None, progress: Progress = silent
 ) -> AssessedSuit:
     """cuffs.json → assessment.json and activations.csv in the output folder, and people.csv if people are drawn."""
     ensure_folder(output)

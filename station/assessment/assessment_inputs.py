@@ -41,13 +41,7 @@ from solver.model import Model, ModelError, with_point_mass
 from solver.motion import Kinematics
 from solver.multibody.loads import ExternalForce
 from solver.muscle import PathMode
-from solver.redundancy.effort import (
-    UNWEIGHTED_COORDINATES,
-    RedundancyOptions,
-    Reserve,
-    Tendons,
-    with_reserves,
-)
+from solver.redundancy.effort import UNWEIGHTED_COORDINATES, RedundancyOptions, Reserve, Tendons, with_reserves
 from solver.suit.cord import ensure_possible
 from solver.suit.suit import BUNDLED_SUIT, Suit, SuitError, read_suit
 from station.assessment.assessment_json import MeasuredReductionEntry, NumberEntry

@@ -13,12 +13,7 @@ from solver.motion import Kinematics
 from solver.multibody.body_tables import pack_bodies
 from solver.multibody.dynamics import inverse_dynamics
 from solver.multibody.loads import ExternalForce
-from solver.redundancy.effort import (
-    UNWEIGHTED_COORDINATES,
-    RedundancyOptions,
-    effort_weights,
-    tracked_coordinates,
-)
+from solver.redundancy.effort import UNWEIGHTED_COORDINATES, RedundancyOptions, effort_weights, tracked_coordinates
 from solver.redundancy.mechanics import actuator_forces
 from solver.redundancy.motion_solution import MotionSolution
 from station.messages.assessment_messages import AssessmentCode

@@ -263,11 +263,7 @@ def _reserve_coordinates(model: Model) -> dict[str, str]:
 
 
 def filter_effect(
-    model: Model,
-    names: Sequence[str],
-    kinematics: Kinematics,
-    solution: MotionSolution,
-    shares: ReserveShares,
+    model: Model, names: Sequence[str], kinematics: Kinematics, solution: MotionSolution, shares: ReserveShares
 ) -> LeftOutEffect:
     """The forces `names` of the model were left out of the solved motion; shares are those of its reserves."""
     is_solved = np.isfinite(solution.reserves).all(axis=1)

@@ -284,9 +284,7 @@ class DecisionEntry(StrictEntry):
 
 
 def decision_entry(
-    summary: UncertaintySummary,
-    indices: Mapping[IndexedFigure, SobolIndices | None],
-    reference_rest_length: float,
+    summary: UncertaintySummary, indices: Mapping[IndexedFigure, SobolIndices | None], reference_rest_length: float
 ) -> DecisionEntry:
     """The decision from the efforts of drawn people; reference_rest_length [m]."""
     rule, drawn = summary.rule, summary.people

@@ -90,11 +90,7 @@ def _mocap(config: StationConfig, subject: TrialSubject | None, clock: Clock, fo
 def _indicator(config: StationConfig, clock: Clock) -> Device:
     cell = config.load_cell
     return make_device(
-        "serial_load_cell",
-        port=cell.port,
-        baud_rate=cell.baud_rate,
-        line_format=cell.line_format,
-        **_times(clock),
+        "serial_load_cell", port=cell.port, baud_rate=cell.baud_rate, line_format=cell.line_format, **_times(clock)
     )
 
 

@@ -33,11 +33,7 @@ SCRIPTS = "".join(
 SLIDER_STEP_M = 0.005
 FULL_BAR = 1.2
 """Effort over that of the slack suit at which its bar ends."""
-LINES: dict[str, tuple[str, str]] = {
-    SLACK: (INK, "dotted"),
-    WORN: (FORCE, "solid"),
-    "rigid": (DISPLACEMENT, "dashed"),
-}
+LINES: dict[str, tuple[str, str]] = {SLACK: (INK, "dotted"), WORN: (FORCE, "solid"), "rigid": (DISPLACEMENT, "dashed")}
 """Colour and dash of a condition."""
 MAIN, FURTHER = ("slack", "worn", "rigid"), ("#8a94a3", "solid")
 """Scenarios with a curve in the colour of their condition; further rest lengths and cuffs are grey."""

@@ -287,11 +287,7 @@ class _Charts:
             for name, point in zip(latest.seen, latest.points, strict=False)
             if name in self._roles or self._live.spec.test != "bounce"  # a bounce shows its own marker
         ]
-        update = {
-            "at": latest.at,
-            "charts": self._curves(),
-            "markers": (self._markers.html_id, points),
-        }
+        update = {"at": latest.at, "charts": self._curves(), "markers": (self._markers.html_id, points)}
         await self._client.run_javascript(f"return station.draw({json.dumps(update)})", timeout=DRAW_TIMEOUT_S)
 
     def _curves(self) -> list[tuple[int, list[dict[str, Any]]]]:

@@ -88,11 +88,7 @@ def _marks(controller: SessionController, judgement: Judgement) -> list[ui.input
 
 
 def _decision(
-    controller: SessionController,
-    recorded: Recorded,
-    judgement: Judgement,
-    typed: Sequence[ui.input],
-    actions: Actions,
+    controller: SessionController, recorded: Recorded, judgement: Judgement, typed: Sequence[ui.input], actions: Actions
 ) -> None:
     """typed are the fields of the note on the trial and of the names of its marks."""
     note, *marks = typed

@@ -109,12 +109,7 @@ def _require_same_trial(path: Path, file: Path, live: Track, export: MarkerTable
     if not len(distances):
         raise ImportRefused(Message(ImportCode.NOTHING_IN_COMMON, {"file": file.name, "path": path.name}))
     if (distance := float(np.median(distances))) > SAME_TRIAL_MM:
-        figures: Figures = {
-            "file": file.name,
-            "path": path.name,
-            "distance_mm": distance,
-            "limit_mm": SAME_TRIAL_MM,
-        }
+        figures: Figures = {"file": file.name, "path": path.name, "distance_mm": distance, "limit_mm": SAME_TRIAL_MM}
         raise ImportRefused(Message(ImportCode.OTHER_TRIAL, figures))
 
 

@@ -82,12 +82,7 @@ def _write_segments(
         for file, part in zip(files, segments.slices, strict=True)
     ]
     left_out = {"marker_hidden": segments.unknown, "piece_too_short": segments.too_short}
-    figures: Figures = {
-        "file": trial.path.name,
-        "left_out": sum(left_out.values()),
-        "rows": len(time),
-        "files": count,
-    }
+    figures: Figures = {"file": trial.path.name, "left_out": sum(left_out.values()), "rows": len(time), "files": count}
     note = Message(ExportCode.ROWS_LEFT_OUT, figures)
     is_whole = count == 1 and not any(left_out.values())
     return WrittenLoads(files, {"pieces": described, "rows_left_out": left_out}, () if is_whole else (note,))

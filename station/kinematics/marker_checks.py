@@ -73,10 +73,7 @@ SWAYING, MOVING = 0.02, 0.10
 
 def setup_findings(file: str, setup: IkSetup | ScaleSetup, unknown: Collection[str]) -> tuple[Finding, ...]:
     """Findings on a set-up: elements that are not used, files that are elsewhere, and the names that are unknown."""
-    found = {
-        KinematicsCode.FILE_ELSEWHERE: ("files", setup.moved),
-        KinematicsCode.NOT_IN_MODEL: ("names", unknown),
-    }
+    found = {KinematicsCode.FILE_ELSEWHERE: ("files", setup.moved), KinematicsCode.NOT_IN_MODEL: ("names", unknown)}
     others = (Message(code, {"file": file, key: ", ".join(names)}) for code, (key, names) in found.items() if names)
     return *unused_findings(file, setup.unused), *others
 
@@ -356,8 +353,7 @@ def estimate_findings(estimate: BodyEstimate, trials: Sequence[str]) -> list[Fin
             far = 1e3 * float(np.linalg.norm(offset))
             found.append(
                 Message(
-                    PersonCode.MARKER_FAR_OFF,
-                    {"marker": marker.name, "offset_mm": far, "deviations": float(deviation)},
+                    PersonCode.MARKER_FAR_OFF, {"marker": marker.name, "offset_mm": far, "deviations": float(deviation)}
                 )
             )
     return found

@@ -27,14 +27,7 @@ from solver.stream.stream_frame import StreamNotice, StreamOutcome, StreamSuitOu
 from station.config import LiveSection, parse_config
 from station.errors import StationError
 from station.live.pipeline import NOT_SOLVED, LivePipeline, PreparedTrial, can_be_solved, prepare_trial
-from station.live.published import (
-    NAN,
-    LiveDelivery,
-    LiveFinding,
-    LiveSetup,
-    LiveUpdate,
-    LiveValues,
-)
+from station.live.published import NAN, LiveDelivery, LiveFinding, LiveSetup, LiveUpdate, LiveValues
 from station.live.subscription import serve_views
 from station.messages.live_messages import LiveCode
 from station.protocol import TrialSpec

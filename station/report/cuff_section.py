@@ -23,27 +23,10 @@ from station.assessment.assessment_json import RIGID, NumberEntry, WornCuffEntry
 from station.checksums import write_checksums, write_whole
 from station.cuff_text import SHOWN, of_cuff
 from station.report.fit_figures import checks_figure, fit_figure
-from station.report.numbers import (
-    Number,
-    Shown,
-    ends,
-    figure,
-    fixed,
-    interval,
-    located,
-    mean_with,
-    saving,
-    worn,
-)
+from station.report.numbers import Number, Shown, ends, figure, fixed, interval, located, mean_with, saving, worn
 from station.report.pictures import Picture, PlannedPicture
 from station.report.report_file import Source
-from station.study.study_document import (
-    NORMATIVE_FILE,
-    NormativeEntry,
-    NormativePlace,
-    QuantityName,
-    read_normative,
-)
+from station.study.study_document import NORMATIVE_FILE, NormativeEntry, NormativePlace, QuantityName, read_normative
 
 Cuffs = Mapping[str, Cuff]
 

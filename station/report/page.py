@@ -45,16 +45,7 @@ from station.recordings_of_session import motions_in, pulls_in, recordings_in
 from station.report.assessment_section import assessment_section, effort_figures, suit_figures
 from station.report.cuff_section import TrueCuff, cuff_figures, normative_section, reported_cuffs, shared_notes
 from station.report.first_page import first_page
-from station.report.numbers import (
-    NumberRegister,
-    Provenance,
-    figure,
-    fixed,
-    interval,
-    length,
-    located,
-    worn,
-)
+from station.report.numbers import NumberRegister, Provenance, figure, fixed, interval, length, located, worn
 from station.report.pictures import Picture, PlannedPicture, draw_all
 from station.report.report_file import FORMAT, ReportDocument, Source, numbers_text
 from station.report.session_facts import recording_rows, session_facts

@@ -150,11 +150,7 @@ def _inputs(folder: Path, recorded: AssessmentDocument) -> AssessmentInputs | No
     chosen = tuple(name for name, cuff in recorded.cuffs.items() if cuff.site != "waist")
     options: dict[str, Any] = {key: named[key] for key in ("paths", "tendons") if key in named}
     return AssessmentInputs(
-        cuffs,
-        chosen=chosen,
-        subject=folder if has_subject else None,
-        cutoff_hz=read_cutoff(named),
-        **options,
+        cuffs, chosen=chosen, subject=folder if has_subject else None, cutoff_hz=read_cutoff(named), **options
     )
 
 

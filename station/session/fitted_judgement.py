@@ -154,10 +154,7 @@ def _judge_trial(
         if other.test == trial.test and other.file != trial.file and other.state == "used"
     ]
     zero = () if fitted is None else zero_notes(trial.zero_drift, float(np.ptp(fitted.pull.force)))
-    reasons = (
-        *_reasons(trial, cuff, others),
-        *(Message(ReasonCode.ZERO_DRIFT, because(note)) for note in zero),
-    )
+    reasons = (*_reasons(trial, cuff, others), *(Message(ReasonCode.ZERO_DRIFT, because(note)) for note in zero))
     shown = set(map(str, reasons))
     return Judgement(
         file=trial.file,

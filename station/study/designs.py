@@ -21,15 +21,7 @@ from documents.interval import counted
 from documents.message import Message
 from documents.plain_data import parse_toml, read_toml
 from documents.regular_file import read_regular
-from documents.validation import (
-    FiniteSection,
-    NonNegative,
-    Number,
-    Positive,
-    Section,
-    Whole,
-    refused_as,
-)
+from documents.validation import FiniteSection, NonNegative, Number, Positive, Section, Whole, refused_as
 from fitting.study.power import (
     SETTLING,
     ExpectedSpread,

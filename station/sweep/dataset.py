@@ -34,13 +34,7 @@ from solver.osim.loads_document import data_file
 from solver.redundancy.motion_solution import LoadedMotion
 from solver.suit.cord import SuitScenario
 from solver.suit.optimise import LEAST_FRAMES
-from solver.suit.scenarios import (
-    SuitedMotion,
-    find_minimum,
-    prepare_suited_motion,
-    solve_scenarios,
-    solve_without_suit,
-)
+from solver.suit.scenarios import SuitedMotion, find_minimum, prepare_suited_motion, solve_scenarios, solve_without_suit
 from solver.suit.suit import BUNDLED_SUIT, PARTS, Suit, SuitError, read_suit
 from station.assessment.assessment_inputs import cuff_findings, cuff_remarks, read_cuffs_to_wear, worn_cuffs
 from station.assessment.given_motion import load_checks, motion_checks, motion_findings

@@ -313,10 +313,7 @@ class TrialMonitor:
 
     def _report_running_capture(self, latest: TrialTelemetry) -> None:
         """A trial begins at a rising edge, so a line that is high while armed belongs to an earlier capture."""
-        was_reported, self._is_capture_reported = (
-            self._is_capture_reported,
-            TrialCode.CAPTURE_RUNNING in latest.codes,
-        )
+        was_reported, self._is_capture_reported = (self._is_capture_reported, TrialCode.CAPTURE_RUNNING in latest.codes)
         if self._is_capture_reported and not was_reported:
             self._show_event(WarningRaised("capture_running", str(Message(TerminalCode.CAPTURE_NOT_RECORDED))))
 

@@ -131,8 +131,7 @@ def import_(
     ] = None,
     label: Annotated[list[str] | None, typer.Option(help="THEIRS=OURS renames a marker; may be repeated.")] = None,
     lag_s: Annotated[
-        float | None,
-        typer.Option(help="A force sample stamped t was taken at t + LAG_S on the clock of the markers."),
+        float | None, typer.Option(help="A force sample stamped t was taken at t + LAG_S on the clock of the markers.")
     ] = None,
     lag_sd_s: Annotated[
         float | None,

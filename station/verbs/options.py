@@ -43,8 +43,7 @@ Condition = Literal["rigid", "shift", "visco_elastic", "both"]
 Side = Literal["child", "parent"]
 Axes = Literal["ground", "child", "parent"]
 Paths = Annotated[
-    PathMode,
-    typer.Option(help="Muscle paths over surfaces: as in OpenSim, or geodesic (docs/paths.md)."),
+    PathMode, typer.Option(help="Muscle paths over surfaces: as in OpenSim, or geodesic (docs/paths.md).")
 ]
 MotionCutoff = Annotated[
     float | None,

@@ -33,9 +33,7 @@ def demo(
     raise typer.Exit(code)
 
 
-def init(
-    folder: Annotated[Path, typer.Argument(help="Folder to write into; it is created.")] = Path(),
-) -> None:
+def init(folder: Annotated[Path, typer.Argument(help="Folder to write into; it is created.")] = Path()) -> None:
     """Write the example configuration and the examples for Python into a folder. Prints the paths."""
     from station.files.init import write_examples
 
@@ -70,13 +68,7 @@ def serve(
         if typer.confirm("Write it now?", default=True, err=True):
             init(config.parent)
     serve_console(
-        load_config(config),
-        host=host,
-        port=port,
-        is_opened=open_page,
-        is_simulated=simulated,
-        speed=speed,
-        seed=seed,
+        load_config(config), host=host, port=port, is_opened=open_page, is_simulated=simulated, speed=speed, seed=seed
     )
 
 

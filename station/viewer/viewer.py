@@ -140,10 +140,7 @@ def layout(
         curves = [elevation, emg, *curves]
     events = rrb.TextLogView(origin="/events", name="Events")
     return rrb.Blueprint(
-        rrb.Horizontal(
-            rrb.Vertical(*spaces),
-            rrb.Vertical(*curves, events, row_shares=[3.0] * len(curves) + [1.0]),
-        ),
+        rrb.Horizontal(rrb.Vertical(*spaces), rrb.Vertical(*curves, events, row_shares=[3.0] * len(curves) + [1.0])),
         rrb.BlueprintPanel(state="collapsed"),
         rrb.SelectionPanel(state="collapsed"),
         rrb.TimePanel(state="collapsed", timeline=TIMELINE),

@@ -167,11 +167,7 @@ def test_reading_takes_no_more_memory_for_a_longer_file(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("content", "code"),
-    [
-        (b"", RecordingCode.EMPTY),
-        (b"time,force\n" * 1000, RecordingCode.NOT_MCAP),
-        (None, RecordingCode.UNREADABLE),
-    ],
+    [(b"", RecordingCode.EMPTY), (b"time,force\n" * 1000, RecordingCode.NOT_MCAP), (None, RecordingCode.UNREADABLE)],
     ids=["empty", "text", "missing"],
 )
 def test_a_file_that_is_no_recording_is_refused(tmp_path: Path, content: bytes | None, code: RecordingCode) -> None:

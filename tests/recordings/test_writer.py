@@ -518,9 +518,7 @@ class Claim:
 
 
 def write_trial(
-    path: Path,
-    create: Callable[[Path], BinaryIO] = create_exclusively,
-    sync: Callable[[int], None] = lambda _: None,
+    path: Path, create: Callable[[Path], BinaryIO] = create_exclusively, sync: Callable[[int], None] = lambda _: None
 ) -> Claim | None:
     """Writes a trial and goes on calling after the first failure, as a careless caller would; None where none came."""
     wall = WallClock()

@@ -39,8 +39,7 @@ KINDS = ("lost", "only", "nan", "zero", "huge", "stuck", "renumbered", "late", "
 F, M, S = "/force", "/markers", "/sync"
 fractions = st.tuples(st.floats(0, 1), st.floats(0, 1)).map(sorted)
 damages = st.lists(
-    st.tuples(st.integers(0, 1), st.sampled_from([F, S, M]), st.sampled_from(KINDS), fractions),
-    max_size=3,
+    st.tuples(st.integers(0, 1), st.sampled_from([F, S, M]), st.sampled_from(KINDS), fractions), max_size=3
 )
 
 

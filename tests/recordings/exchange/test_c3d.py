@@ -198,9 +198,7 @@ def test_every_cut_of_a_file_is_a_sentence_or_what_was_in_it(file: Path, tmp_pat
         assert len(read.labels) == 3
 
 
-def test_labels_beyond_the_points_are_of_nothing_and_one_that_occurs_twice_is_numbered(
-    tmp_path: Path,
-) -> None:
+def test_labels_beyond_the_points_are_of_nothing_and_one_that_occurs_twice_is_numbered(tmp_path: Path) -> None:
     read = read_c3d_markers(write_raw_c3d(tmp_path / "more.c3d", ["a", "b", "c", "late", "later"]))
     assert read.labels == ("a", "b", "c")
     assert read.positions == pytest.approx(SCALE * POSITIONS, abs=1e-4)

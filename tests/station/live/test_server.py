@@ -103,8 +103,7 @@ def test_a_wrong_request_is_closed_and_a_wrong_command_ignored(request_line: byt
 
 
 @pytest.mark.parametrize(
-    "content",
-    [*(f'{{"port": {port}, "token": "a"}}' for port in ("Infinity", "0", "1e5")), "[]", "null", "{", ""],
+    "content", [*(f'{{"port": {port}, "token": "a"}}' for port in ("Infinity", "0", "1e5")), "[]", "null", "{", ""]
 )
 def test_a_wrong_address_is_reported(tmp_path: Path, content: str, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / ADDRESS_FILE).write_text(content)

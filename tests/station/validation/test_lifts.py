@@ -98,9 +98,7 @@ def test_the_published_figures_are_those_of_the_published_files(solved: list[Sol
 
 
 @pytest.mark.shared
-def test_variants_are_the_published_ones_and_the_defaults_agree_with_the_force(
-    solved: list[SolvedVariant],
-) -> None:
+def test_variants_are_the_published_ones_and_the_defaults_agree_with_the_force(solved: list[SolvedVariant]) -> None:
     for found in solved:
         assert found.unsolved == 0
         if found.variant in VARIANTS:
