@@ -120,7 +120,7 @@ def summarise(path: Path, survey: Survey, listen: Callable[[Stream | Item], None
         if isinstance(message, Stream | Item):
             listen(message)
         match message:
-            case Stream() as stream:
+            case Stream() as stream if stream.name in tallies:
                 tallies[stream.name].stream = stream
             case Samples() as block:
                 if block.stream not in tallies:

@@ -42,7 +42,7 @@ from solver.osim.force_parts import (
     Fields,
     ForceClass,
     ForceContext,
-    Part,
+    ForcePart,
     WrittenForce,
     body_name,
     expression_part,
@@ -97,7 +97,7 @@ def _write_strength(written: WrittenForce, force: Any) -> None:
     )
 
 
-_STRENGTH = Part(_read_strength, _write_strength)
+_STRENGTH = ForcePart(_read_strength, _write_strength)
 
 
 def _unit(element: Element, tag: str, default: str) -> Array:
@@ -139,7 +139,7 @@ _ACTUATORS = (
         flag_part("force_is_global", "is_direction_in_ground"),
         _STRENGTH,
     ),
-    ForceClass("TorqueActuator", TorqueActuator, Part(_read_torque, _write_torque), _STRENGTH),
+    ForceClass("TorqueActuator", TorqueActuator, ForcePart(_read_torque, _write_torque), _STRENGTH),
     ForceClass(
         "PointToPointActuator",
         PointToPointActuator,
@@ -218,7 +218,7 @@ _COORDINATE_FORCES = (
         COORDINATE,
         *(number_part(tag, "0") for tag in ("stiffness", "rest_length", "viscosity")),
     ),
-    ForceClass("CoordinateLimitForce", CoordinateLimit, Part(_read_limits, _write_limits)),
+    ForceClass("CoordinateLimitForce", CoordinateLimit, ForcePart(_read_limits, _write_limits)),
     ForceClass("ExpressionBasedCoordinateForce", CoordinateExpression, COORDINATE, expression_part("q", "qdot")),
 )
 
@@ -406,14 +406,14 @@ _FORCE_ELEMENTS = (
         FunctionBushing,
         FRAMES,
         part_by_motion("damping"),
-        Part(_read_functions, _write_functions),
+        ForcePart(_read_functions, _write_functions),
     ),
     ForceClass(
         "ExpressionBasedBushingForce",
         ExpressionBushing,
         FRAMES,
         part_by_motion("damping"),
-        Part(_read_expressions, _write_expressions),
+        ForcePart(_read_expressions, _write_expressions),
     ),
     ForceClass(
         "PathSpring",
@@ -435,7 +435,7 @@ _FORCE_ELEMENTS = (
         PATH,
         number_part("resting_length", read=Element.positive),
         number_part("pcsa_force", "0", "force"),
-        Part(_read_curve, _write_curve),
+        ForcePart(_read_curve, _write_curve),
     ),
     ForceClass(
         "Blankevoort1991Ligament",
@@ -466,20 +466,20 @@ _FORCE_ELEMENTS = (
         *_POINTS,
         expression_part("d", "ddot"),
     ),
-    ForceClass("PrescribedForce", ConstantForce, Part(_read_constant, _write_constant)),
+    ForceClass("PrescribedForce", ConstantForce, ForcePart(_read_constant, _write_constant)),
     ForceClass(
         "HuntCrossleyForce",
         HuntCrossleyContact,
-        Part(_read_contacts, _write_contacts),
+        ForcePart(_read_contacts, _write_contacts),
         number_part("transition_velocity", "0.01", read=Element.positive),
     ),
     ForceClass(
         "SmoothSphereHalfSpaceForce",
         SmoothContact,
-        Part(_read_smooth_ends, _write_smooth_ends),
+        ForcePart(_read_smooth_ends, _write_smooth_ends),
         number_part("constant_contact_force", "1e-5", "offset", Element.positive),
         number_part("hertz_smoothing", "300"),
-        Part(
+        ForcePart(
             lambda element, _: {"material": _material(element, "1")},
             lambda written, force: written.add_values(**vars(force.material)),
         ),

@@ -44,7 +44,7 @@ class WrittenForce:
         add_values(self.element, **values)
 
 
-class Part(NamedTuple):
+class ForcePart(NamedTuple):
     """Properties of an element that are one or several fields of a force."""
 
     read: Callable[[Element, ForceContext], Fields]
@@ -54,7 +54,7 @@ class Part(NamedTuple):
 class ForceClass:
     """A class of OpenSim, the class that stands for it, and the parts of it in the order in which they are written."""
 
-    def __init__(self, tag: str, kind: type[Any], *parts: Part) -> None:
+    def __init__(self, tag: str, kind: type[Any], *parts: ForcePart) -> None:
         self.tag, self.kind, self._parts = tag, kind, parts
 
     def read(self, element: Element, context: ForceContext) -> Any:
@@ -69,40 +69,40 @@ class ForceClass:
             part.write(written, force)
 
 
-def value_part(tag: str, read: Callable[[Element], Any], field: str = "") -> Part:
+def value_part(tag: str, read: Callable[[Element], Any], field: str = "") -> ForcePart:
     """A property that is one field, by default of the same name."""
     field = field or tag
-    return Part(
+    return ForcePart(
         lambda element, _: {field: read(element)},
         lambda written, force: written.add_values(**{tag: getattr(force, field)}),
     )
 
 
-def number_part(tag: str, default: str | None = None, field: str = "", read: Any = Element.number) -> Part:
+def number_part(tag: str, default: str | None = None, field: str = "", read: Any = Element.number) -> ForcePart:
     """read: the method of Element, which refuses numbers that the property cannot have."""
     return value_part(tag, lambda element: read(element, tag, default), field)
 
 
-def flag_part(tag: str, field: str, default: str = "false") -> Part:
+def flag_part(tag: str, field: str, default: str = "false") -> ForcePart:
     return value_part(tag, lambda element: element.flag(tag, default), field)
 
 
-def point_part(tag: str, field: str) -> Part:
+def point_part(tag: str, field: str) -> ForcePart:
     """(3,) [m]"""
     return value_part(tag, lambda element: element.numbers(tag, 3, "0 0 0"), field)
 
 
-def part_by_motion(kind: str) -> Part:
+def part_by_motion(kind: str) -> ForcePart:
     """(6,) rotational, then translational."""
     tags = [f"{motion}_{kind}" for motion in ("rotational", "translational")]
-    return Part(
+    return ForcePart(
         lambda element, _: {kind: np.concatenate([element.numbers(tag, 3, "0 0 0") for tag in tags])},
         lambda written, force: written.add_values(**dict(zip(tags, np.split(getattr(force, kind), 2), strict=True))),
     )
 
 
-def expression_part(*variables: str) -> Part:
-    return Part(
+def expression_part(*variables: str) -> ForcePart:
+    return ForcePart(
         lambda element, _: {"expression": read_expression(element, "expression", *variables)},
         lambda written, force: written.add_values(expression=force.expression.text),
     )
@@ -116,15 +116,15 @@ def read_expression(element: Element, tag: str, *variables: str) -> Expression:
         raise (element.find(tag) or element).refusal(f"of {element.tag} {element.name} {error}") from None
 
 
-COORDINATE = Part(
+COORDINATE = ForcePart(
     lambda element, context: {"coordinate": context.names.coordinate(element, element.child("coordinate").text)},
     lambda written, force: written.add_values(coordinate=written.model.coordinates[force.coordinate].name),
 )
-PATH = Part(
+PATH = ForcePart(
     lambda element, context: {"path": read_path(geometry_path(element), context.names, context.surfaces)},
     lambda written, force: add_whole_path(written.element, written.model, force.path, force.name),
 )
-BODY = Part(
+BODY = ForcePart(
     lambda element, context: {"body": context.names.body(element, "body")},
     lambda written, force: written.add_values(body=body_name(written.model, force.body)),
 )
@@ -152,7 +152,7 @@ def two_bodies_part(
     fields: tuple[str, str],
     find: Callable[[Names, Element, str], int],
     name: Callable[[Model, int], str] = body_name,
-) -> Part:
+) -> ForcePart:
     """Two bodies with a point each, between which a force acts."""
 
     def read(element: Element, context: ForceContext) -> Fields:
@@ -166,7 +166,7 @@ def two_bodies_part(
         names = [name(written.model, getattr(force, field)) for field in fields]
         written.add_values(**dict(zip(tags, names, strict=True)))
 
-    return Part(read, write)
+    return ForcePart(read, write)
 
 
 def _read_frames(element: Element, context: ForceContext) -> Fields:
@@ -185,4 +185,4 @@ def _write_frames(written: WrittenForce, force: Any) -> None:
         add_offset_frame(frames, name, body_path(written.model.bodies, body), placement)
 
 
-FRAMES = Part(_read_frames, _write_frames)
+FRAMES = ForcePart(_read_frames, _write_frames)

@@ -143,3 +143,7 @@ TARGETS = (
 @pytest.mark.parametrize("target", TARGETS, ids=lambda target: target.name)
 def test_no_content_of_a_file_causes_a_hang_a_crash_or_a_wrong_number(target: Target) -> None:
     assert run(target, 200) > 0
+
+
+def test_a_stream_without_a_name_is_no_stream_of_the_summary(tmp_path: Path) -> None:
+    assert read_contents(forged_file([("/streams", b"")], tmp_path)).streams == {}
