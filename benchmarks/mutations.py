@@ -57,7 +57,7 @@ MODULES: dict[str, tuple[str, ...]] = {  # module → test files besides tests/F
     "fitting.uncertainty": (),
     "recordings.recovery": (),
     "recordings.writer": (),
-    "solver.suit.cord": ("tests/solver/test_cuff.py",),
+    "solver.suit.cord": ("tests/solver/test_cuff.py", "tests/solver/suit/test_assessment.py"),
     "solver.suit.decision": (),
     "solver.suit.quantity": ("tests/solver/suit/test_assessment.py",),
     "station.bench.sync_line": ("tests/station/bench/test_arming.py",),

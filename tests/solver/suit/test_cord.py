@@ -11,7 +11,15 @@ from solver.cuff import CuffParameters
 from solver.errors import SolverCode
 from solver.motion import decimate, differentiate
 from solver.multibody.postures import postures
-from solver.suit.cord import check_cord, cord_line, ensure_possible, line_between, suit_forces, with_migration
+from solver.suit.cord import (
+    SuitScenario,
+    check_cord,
+    cord_line,
+    ensure_possible,
+    line_between,
+    suit_forces,
+    with_migration,
+)
 from solver.suit.suit import read_suit
 from tests.refusals import raises_refusal
 
@@ -286,3 +294,25 @@ def test_forces_in_every_second_frame_are_those_of_all_frames(line):
     np.testing.assert_array_equal(decimated.largest_tension, whole.tension.max(axis=1))
     for name in ("displacement", "points", "forces"):
         np.testing.assert_array_equal(getattr(decimated, name), getattr(whole, name)[:, ::2])
+
+
+@pytest.mark.parametrize(
+    ("condition", "is_shifted", "yields"),
+    [("rigid", False, False), ("shift", True, False), ("visco_elastic", False, True), ("both", True, True)],
+)
+def test_a_scenario_moves_and_yields_by_its_condition(condition, is_shifted, yields):
+    scenario = SuitScenario(condition, WAIST, ARM, REST_LENGTHS)
+    assert (scenario.is_shifted, scenario.yields, scenario.migrated) == (is_shifted, yields, [])
+    assert scenario.migration == pytest.approx(0.024 * is_shifted)
+    assert replace(scenario, waist=None).migration == pytest.approx(0.012 * is_shifted)
+    for waist, arm in ((WAIST, ARM), (None, ARM), (WAIST, None)):
+        sloped = replace(scenario, waist=waist, arm=arm, with_slopes=True).migrated
+        worn = [cuff for cuff in (waist, arm) if cuff]
+        moved = [
+            (step if cuff is waist else 0.0, step if cuff is arm else 0.0) for step in (-1e-3, 1e-3) for cuff in worn
+        ]
+        assert len(sloped) == len(moved) * is_shifted
+        for each, steps in zip(sloped, moved, strict=is_shifted):
+            assert each.rest_lengths.tolist() == [0.95] and not each.with_slopes and each.condition == condition
+            for cuff, given, step in zip(each.cuffs, (waist, arm), steps, strict=True):
+                assert (cuff and cuff.migration) == (given and pytest.approx(given.migration + step, rel=1e-12))
