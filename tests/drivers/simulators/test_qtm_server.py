@@ -17,7 +17,7 @@ from qtm_rt.packet import QRTComponentType, QRTEvent
 from qtm_rt.protocol import QRTCommandException
 
 from drivers.simulators.faults import fault_from_dict
-from drivers.simulators.qtm_server import QtmDiscovery, QualisysSimulator
+from drivers.simulators.qtm_server import MOST_CLIENTS, QtmDiscovery, QualisysSimulator
 from drivers.simulators.settings import settings_from_dict
 from drivers.simulators.simulated_bench import Bench
 from drivers.simulators.world import World
@@ -207,6 +207,17 @@ def test_commands_out_of_turn_are_refused_in_qtms_words_and_any_password_does_wh
 
     with simulator() as qtm:
         talk(qtm.port, ask)
+
+
+def test_the_eleventh_client_is_turned_away() -> None:
+    with simulator() as qtm:
+        clients = [socket.create_connection(("127.0.0.1", qtm.port)) for _ in range(MOST_CLIENTS)]
+        for client in clients:
+            client.recv(100)  # the welcome: it is counted
+        eleventh = socket.create_connection(("127.0.0.1", qtm.port))
+        assert b"Max number of clients reached" in eleventh.recv(100)
+        for client in [*clients, eleventh]:
+            client.close()
 
 
 def test_a_taken_port_of_the_server_or_the_discovery_is_refused_at_the_start() -> None:

@@ -78,6 +78,10 @@ def test_every_link_of_an_unchanged_session_is_as_recorded(reported: Path, stati
     links = [line.rpartition(": as recorded")[0] for line in lines]
     assert links[:4] == ["report.html", "report.json", "assessment.json", "cuffs.json"]
     assert links.index(STATIC) < links.index("assessment.json ← cuffs.json") < links.index(f"cuffs.json ← {STATIC}")
+    if program := shutil.which("sha256sum"):
+        check = [program, "--strict", "-c", CHECKSUMS_FILE]
+        listed = subprocess.run(check, cwd=reported, check=True, capture_output=True)  # noqa: S603
+        assert listed.stdout.count(b": OK") == len(Checksums(reported).sums) >= 6
 
 
 def test_a_recorder_records_the_hash_of_its_trial(tmp_path: Path) -> None:
@@ -104,6 +108,16 @@ def test_an_edited_stiffness_is_reported_by_assess_and_report(session: Path, mot
 
     code, links = verified(station, session)
     assert (code, links["cuffs.json"]) == (1, CHANGED)
+
+
+def test_an_edited_assessment_is_reported_after_a_new_fit(session: Path, station: Station) -> None:
+    edit(session / "assessment.json", lambda plain: plain["cuffs"]["hand"]["stiffness_n_per_m"].update(value=40000))
+    assert station("fit", session).code == 0
+    ran = station("report", session)
+    assert ran.code == 3 and f"assessment.json: {CHANGED}" in ran.err
+    assert "than that in the table: 40000 N/m, and the table has" in (session / "report.html").read_text(
+        encoding="utf-8"
+    )
 
 
 def test_a_replaced_trial_is_reported_by_every_verb(session: Path, tmp_path: Path, station: Station) -> None:
