@@ -153,18 +153,19 @@ def test_the_calibration_of_a_recording_has_the_figures_of_the_certificate() -> 
 
 
 @pytest.mark.parametrize(
-    ("newtons", "code", "is_good", "is_doubtful"),
+    ("newtons", "code", "is_good", "is_doubtful", "grade"),
     [
-        (3.0, CheckCode.AT_REST, True, False),
-        *((load, CheckCode.LOADED, True, True) for load in (26.0, -26.0)),
-        (10 * NEWTONS_PER_VOLT, CheckCode.SATURATED, False, False),
+        (3.0, CheckCode.AT_REST, True, False, "good"),
+        *((load, CheckCode.LOADED, True, True, "doubtful") for load in (26.0, -26.0)),
+        (10 * NEWTONS_PER_VOLT, CheckCode.SATURATED, False, False, "bad"),
     ],
 )
 def test_check_shows_the_force_at_rest_doubts_a_loaded_cell_and_refuses_a_saturated_one(
-    tmp_path: Path, newtons: float, code: CheckCode, is_good: bool, is_doubtful: bool
+    tmp_path: Path, newtons: float, code: CheckCode, is_good: bool, is_doubtful: bool, grade: str
 ) -> None:
     results = inspect_bench(CONFIG, tmp_path, loaded(newtons))  # type: ignore[arg-type]
     (at_rest,) = (result for result in results if result.subject == "force at rest")
     assert (at_rest.message.code, at_rest.is_good, at_rest.is_doubtful) == (code, is_good, is_doubtful)
+    assert at_rest.grade == grade
     assert at_rest.message.figures["mean_n"] == pytest.approx(newtons, abs=0.2)
     assert code is not CheckCode.SATURATED or at_rest.message.figures["limit"] == pytest.approx(5.0)

@@ -31,7 +31,7 @@ from station.protocol import TrialSpec
 from tests.refusals import raises_refusal
 from tests.station.command import assert_refused
 from tests.station.foreign import Truth, config, static_and_dynamic
-from tests.station.wearer import BODY, SPECS, WearerSession
+from tests.station.wearer import BODY, GAIN, SPECS, WearerSession
 
 POSE, FREE, TIGHT = SPECS
 HIDDEN = slice(700, 750)  # of the frames at 100 Hz: half a second
@@ -504,6 +504,10 @@ def test_csv_has_emg_in_volts_of_electrodes(wearer: WearerSession, wearer_trial:
     assert (description["condition"], description["body"]["is_cord_measured"]) == ("tight", True)
     emg = description["emg"]
     assert (emg["unit"], emg["rate_hz"], emg["lost_s"]) == ("V", 1000.0, [])
+    electrodes = wearer.person.emg("deltoid", wearer.starts[wearer.path(TIGHT).name] + table[:, 0])
+    assert np.corrcoef(electrodes, table[:, 1])[0, 1] > 0.9, "the clocks agree within a sample"
+    assert table[:, 1].std() == pytest.approx(electrodes.std(), rel=0.05)
+    assert table[:, 1].max() < 10 / GAIN, "the gain of the amplifier is divided out"
 
 
 def test_trc_holds_the_markers_of_body_and_cuff_and_the_cycles(wearer: WearerSession, tmp_path: Path) -> None:
