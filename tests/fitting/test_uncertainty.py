@@ -162,9 +162,16 @@ def test_an_estimate_is_widened_by_what_it_did_not_hold_and_keeps_student_s_ends
     assert wide.parts == {"noise": 0.3, "lag": 0.4, "gain": 0.0}
 
 
-def test_two_repeats_that_differ_by_more_than_noise_have_student_s_interval() -> None:
-    estimate = combine([Repeat(9.0, 0.1), Repeat(11.0, 0.1)])
-    assert (estimate.standard_error, _half_width(estimate)) == pytest.approx((1.0, 12.706205), rel=1e-6)
+@pytest.mark.parametrize(
+    ("values", "error", "student"),
+    [((9.0, 10.0, 11.0), 1 / np.sqrt(3), 4.302653), ((9.0, 11.0), 1.0, 12.706205)],
+    ids=["three", "two"],
+)
+def test_repeats_that_differ_by_more_than_noise_have_student_s_interval(
+    values: tuple[float, ...], error: float, student: float
+) -> None:
+    estimate = combine([Repeat(value, 0.1) for value in values])
+    assert (estimate.standard_error, _half_width(estimate)) == pytest.approx((error, student * error), rel=1e-6)
 
 
 @pytest.mark.slow

@@ -75,7 +75,6 @@ RIGHT_LINES = (
     *(MARK, line_of("verdict", **VERDICT)),
 )
 """Those that the wrong ones were made of."""
-"""Lines that are whole and are still no entries."""
 
 
 def test_written_entries_are_read_and_fit_the_published_schema(tmp_path: Path) -> None:
@@ -220,6 +219,12 @@ def test_an_incomplete_line_is_ignored_and_not_joined_to_the_next(tmp_path: Path
         write_verdict(tmp_path, "a.mcap", "accept", "")
         journal = read_journal(tmp_path)
         assert (journal.setup, set(journal.verdicts)) == (SETUP, {"a.mcap"})
+
+
+def test_the_longest_plan_has_a_thousand_repeats(tmp_path: Path) -> None:
+    (tmp_path / JOURNAL_FILE).write_text("\n".join((*RIGHT_LINES, "")))
+    setup = read_journal(tmp_path).setup
+    assert setup is not None and setup.repeats == 1000
 
 
 @pytest.mark.parametrize("line", WRONG_LINES, ids=lambda line: line[:60])

@@ -46,6 +46,12 @@ def test_beyond_its_ends_a_curve_is_straight(curve, ends, values, slopes) -> Non
         assert np.allclose(curve(np.array([end, end + outward])), [value, value + slope * outward], atol=1e-14)
 
 
+def test_a_curve_has_no_jump_where_its_corners_meet() -> None:
+    x = np.linspace(-1.1, 2.0, 200_001)
+    for curve in (CURVES.active_force_length, CURVES.force_velocity, CURVES.passive_force_length):
+        assert np.abs(np.diff(curve(x))).max() < 5.01 * (x[1] - x[0])
+
+
 def test_a_curve_has_the_figures_it_was_given() -> None:
     curves = MillardCurves(shortest=0.4, longest=1.9, minimum=0.05, strongest=1.6, passive_start=0.1, passive_end=0.5)
     assert np.allclose(curves.active_force_length(np.array([0.4, 1.0, 1.9, 2.5])), [0.05, 1.0, 0.05, 0.05])

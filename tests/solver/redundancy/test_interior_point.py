@@ -194,6 +194,8 @@ def test_frames_are_infeasible_where_linear_programming_finds_no_point(scale):
 
 def test_without_activation_dynamics_every_frame_is_solved_by_itself():
     sequence = random_sequence(3, frames=6)
+    last = solve_sequence(sequence.cut(slice(5, 6)), silent)[0][:, 0]  # with them, but their bounds do not bind
+    np.testing.assert_allclose(last, solve_sequence(sequence, silent)[0][:, -1], atol=1e-9)
     still = replace(sequence, has_activation_dynamics=False)
     together = solve_sequence(still, silent)[0]
     alone = [solve_sequence(still.cut(slice(i, i + 1)), silent)[0][:, 0] for i in range(6)]

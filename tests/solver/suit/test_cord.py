@@ -102,6 +102,13 @@ def test_a_cuff_does_not_slip_over_the_shoulder_point(line):
         with_migration(SUIT, line, (WAIST, replace(ARM, migration=1.0)))
 
 
+def test_very_stiff_cuffs_are_rigid_ones(line):
+    stiff = tuple(replace(cuff, stiffness=1e12, damping=0.0) for cuff in CUFFS)
+    nearly, rigid = suit_forces(SUIT, line, REST_LENGTHS, stiff, yields=True), suit_forces(SUIT, line, REST_LENGTHS)
+    np.testing.assert_allclose(nearly.forces, rigid.forces, atol=1e-5)
+    np.testing.assert_allclose(nearly.points, rigid.points, atol=1e-9)
+
+
 def test_migration_slackens_the_cord_by_both_cuffs_along_an_unchanged_line(line):
     shifted = suit_forces(SUIT, line, REST_LENGTHS, CUFFS, is_shifted=True)
     longer = suit_forces(SUIT, line, REST_LENGTHS + WAIST.migration + ARM.migration)
