@@ -40,8 +40,10 @@ def fake_outlet(
 
     kind = {"channel_format": CF_STRING if is_text else 1, "nominal_srate": rate_hz, "type": "EMG", "source_id": ""}
     kind |= {"get_channel_labels": labels, "get_channel_units": units, "channel_count": 2}
-    outlet = Mock(chunks=[], pull_chunk=pull_chunk, **{f"{name}.return_value": value for name, value in kind.items()})
-    outlet.uid.return_value = outlet.hostname.return_value = f"pc-{id(outlet)}"
+    of_inlet = ["chunks", "pull_chunk", "info", "open_stream", "close_stream", "time_correction"]
+    outlet = Mock(spec=[*of_inlet, *kind, "uid", "hostname", "desc"], chunks=[], pull_chunk=pull_chunk)
+    outlet.configure_mock(**{f"{name}.return_value": value for name, value in kind.items()})
+    outlet.uid.return_value, outlet.hostname.return_value = f"uid-{id(outlet)}", f"pc-{id(outlet)}"
     outlet.info.return_value = outlet
     outlet.desc.return_value.child.return_value.child_value.return_value = ""
     return outlet

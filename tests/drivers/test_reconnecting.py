@@ -25,7 +25,8 @@ SOON_S = 3.0  # wall; a third of what the world takes at its pace until a device
 def scripted(reads: Sequence[Step], resumes: Sequence[Exception | None] = ()) -> Mock:
     """Delivers or raises what its script says, read by read; resume() has a script of its own."""
     streams = (Stream("/force", "V", ("force",), 10.0, "the device"),)
-    device = Mock(streams=streams, **{"read.side_effect": reads, "resume.side_effect": resumes})
+    device = Mock(spec=["name", "streams", "open", "close", "read", "resume"], streams=streams)
+    device.read.side_effect, device.resume.side_effect = reads, resumes
     device.name = "the device"
     return device
 

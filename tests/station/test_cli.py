@@ -257,8 +257,12 @@ def test_ctrl_c_while_the_verbs_are_imported_is_code_130_and_one_sentence(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.delitem(sys.modules, "station.cli")
-    interrupted = Mock(find_spec=Mock(side_effect=KeyboardInterrupt))  # an importer, as the user presses Ctrl-C
-    monkeypatch.setattr(sys, "meta_path", [interrupted, *sys.meta_path])
+
+    def press_ctrl_c(name: str, *_: object) -> None:
+        if name == "station.cli":
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(sys, "meta_path", [Mock(spec=["find_spec"], find_spec=press_ctrl_c), *sys.meta_path])
     with pytest.raises(SystemExit) as ended:
         __main__.main()
     assert ended.value.code == 130

@@ -7,7 +7,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from itertools import count
 from pathlib import Path
-from unittest.mock import AsyncMock
+from unittest.mock import AsyncMock, Mock
 
 import pytest
 import qtm_rt
@@ -190,7 +190,8 @@ def refused_by(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[...,
     """A session whose recorders refuse every trial with this code; another attempt fails the test."""
 
     def lead_refused(code: str, *rules: Rule, wait: object = None) -> ScriptedOutput:
-        process = AsyncMock(recorded=None, refusal="not recorded", refusal_code=code)
+        process = Mock(spec=["recorded", "refusal", "refusal_code", "follow"])
+        process.configure_mock(recorded=None, refusal="not recorded", refusal_code=code, follow=AsyncMock())
         monkeypatch.setattr(TrialProcess, "start", AsyncMock(return_value=process))
         monkeypatch.setattr(SessionSequencer, "_wait", wait)
         return lead(None, load_config(write_config(tmp_path)), tmp_path / "monday", answers(*rules))

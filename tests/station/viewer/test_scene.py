@@ -8,7 +8,7 @@ from collections import Counter
 from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
-from unittest.mock import MagicMock
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -70,7 +70,7 @@ def test_fit_plateaus_body_and_suit_are_in_the_scene(tmp_path: Path) -> None:
 @pytest.mark.parametrize("is_straight", [False, True])
 def test_cuffs_are_at_the_ends_of_any_cord_and_have_the_names_of_the_suit(is_straight: bool) -> None:
     suit = replace(read_suit(), is_straight=is_straight, names={"waist": "heel", "shoulder": "knee", "arm": "shank"})
-    recording, model = MagicMock(), bundled_model()
+    recording, model = Mock(spec=["log", "set_time"]), bundled_model()
     coordinates = model.default_coordinates[None]
     BodyScene(recording, model, suit).log(np.zeros(1, np.int64), coordinates, np.zeros((1, len(model.muscles))))
     logged = dict(call.args for call in recording.log.call_args_list)
