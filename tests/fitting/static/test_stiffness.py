@@ -108,8 +108,8 @@ def test_a_load_that_only_rises_determines_a_stiffness_only_along_a_line() -> No
     assert straight.only_rose
     assert straight.stiffness.value == pytest.approx(K, rel=0.01)
     assert fit_stiffness([_held(UP, _slipping(UP))], 0.0).stiffness is None
-    for trials in ([_held(UP[:3])], [[]], []):
-        assert fit_stiffness(trials, 0.0).stiffness is None
+    for case, trials in {"three loads": [_held(UP[:3])], "no loads": [[]], "no trials": []}.items():
+        assert fit_stiffness(trials, 0.0).stiffness is None, case
 
 
 def _chi_square_of_intervals(shrink: float, fits: int = 80) -> float:

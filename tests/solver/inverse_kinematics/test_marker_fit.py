@@ -66,6 +66,7 @@ def solution(*hidden: slice) -> InverseKinematics:
 @pytest.mark.parametrize(
     ("hidden", "start", "interpolated", "left_out"),
     [([slice(100, 125)], 0, 25, 0), ([slice(0, 3), slice(100, 126), slice(380, 400)], 126, 0, 146)],
+    ids=["25 frames", "3, 26 and 20 frames"],
 )
 def test_a_gap_of_a_quarter_of_a_second_is_interpolated_and_the_longest_part_between_longer_ones_is_kept(
     hidden: list[slice], start: int, interpolated: int, left_out: int
@@ -112,6 +113,7 @@ def test_a_gap_or_a_marker_that_jumps_away_is_no_exchange() -> None:
 @pytest.mark.parametrize(
     ("pair", "start", "stop"),
     [((0, 1), 60, 80), ((2, 7), 60, 80), ((3, 5), 60, 80), ((1, 2), 150, 200), ((1, 2), 0, 50)],
+    ids=str,
 )
 def test_an_exchange_is_found_with_its_frames_and_labels_are_right_in_the_longer_part(
     pair: tuple[int, int], start: int, stop: int

@@ -40,8 +40,8 @@ def test_accelerations_and_multipliers_solve_the_equations_of_motion_under_each_
         force = np.einsum("fbij,fbi->fj", jacobians(MODEL, STATE), LOADS[:, k]) + FORCES[:, k]
         held = rotate(np.swapaxes(jacobian, 1, 2), multipliers(EQUATIONS, force))
         inertial = rotate(EQUATIONS.mass_matrix, acceleration) + EQUATIONS.bias_force
-        assert np.allclose(inertial + held, force, atol=1e-10)
-        assert np.allclose(rotate(jacobian, acceleration), -bias, atol=1e-10)
+        assert np.allclose(inertial + held, force, atol=1e-10), k
+        assert np.allclose(rotate(jacobian, acceleration), -bias, atol=1e-10), k
     together = response_to_loads(EQUATIONS, LOADS.sum(axis=1, keepdims=True), FORCES.sum(axis=1, keepdims=True))
     assert np.allclose(response.reaction.sum(axis=1), together.reaction[:, 0], atol=1e-10)
 
@@ -81,8 +81,13 @@ def test_loads_of_any_layout_meet_the_same_machine_code() -> None:
     expected = response_to_loads(EQUATIONS, LOADS)
     kernel: Any = fill_responses
     known = len(kernel.signatures)
-    for loads in (np.asfortranarray(LOADS), LOADS.repeat(2, axis=0)[::2], np.broadcast_to(LOADS, LOADS.shape)):
-        assert np.array_equal(response_to_loads(EQUATIONS, loads).acceleration, expected.acceleration)
+    layouts = {
+        "column by column": np.asfortranarray(LOADS),
+        "with steps": LOADS.repeat(2, axis=0)[::2],
+        "read-only": np.broadcast_to(LOADS, LOADS.shape),
+    }
+    for case, loads in layouts.items():
+        assert np.array_equal(response_to_loads(EQUATIONS, loads).acceleration, expected.acceleration), case
     assert len(kernel.signatures) == known
 
 

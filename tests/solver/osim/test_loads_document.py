@@ -59,6 +59,7 @@ def test_columns_are_taken_at_the_frames_of_the_motion(files: Path) -> None:
         (">ground<", "><"),
         (XML, XML.replace('<OpenSimDocument Version="40000">', "").replace("</OpenSimDocument>", "")),
     ],
+    ids=["whole path", "parent folder", "backslash", "True", "1", "no body", "root of the loads"],
 )
 def test_a_load_may_be_written_otherwise(files: Path, old: str, new: str) -> None:
     """A data file elsewhere, a flag as a script writes it, a body that is not named, a root of the loads themselves."""
@@ -96,6 +97,10 @@ def test_components_in_another_order_are_refused(files: Path) -> None:
         ("ExternalForce", "PrescribedForce", SolverCode.UNSUPPORTED, "PrescribedForce handle"),
         ("</objects>", "", SolverCode.UNREADABLE_FILE, "line 10"),
         ("ExternalLoads", "ForceSet", SolverCode.WRONG_DOCUMENT, "ExternalLoads"),
+    ],
+    ids=[
+        *("unknown body", "unknown body of the point", "no columns", "six columns", "no identifier"),
+        *("torque at a point", "no data file", "PrescribedForce", "no end tag", "ForceSet"),
     ],
 )
 def test_a_fault_in_the_file_of_loads_is_one_sentence(
@@ -196,6 +201,7 @@ AGAIN = "<applied_to_body>ground</applied_to_body>"
             ["<applied_to_body> ground", "<datafile> other.mot"],
         ),
     ],
+    ids=["switch", "repeated"],
 )
 def test_a_switch_that_is_no_property_of_a_load_and_an_element_that_repeats_one_above_are_named(
     files: Path, exchanged: dict[str, str], named: list[str]

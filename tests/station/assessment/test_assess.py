@@ -216,6 +216,7 @@ def test_a_cuff_that_gives_energy_is_refused(tmp_path: Path, key: str, value: fl
         (0.012, False),
         (0.0, False),
     ],
+    ids=["against", "interval below 0", "interval about 0", "along", "none"],
 )
 def test_a_cuff_that_migrated_against_the_pull_is_a_finding(tmp_path: Path, migration: Any, is_named: bool) -> None:
     cuffs = read_cuffs_to_wear(write_cuffs(tmp_path / "cuffs.json", migration_m=migration))
@@ -249,6 +250,7 @@ def test_the_draws_of_a_cuff_are_as_wide_as_its_intervals(tmp_path: Path) -> Non
         ({"law": "kelvin_voigt", "model_class": {"chosen": "Kelvin-Voigt", "extensions": []}}, None),
         ({"law": "kelvin_voigt", "model_class": {"chosen": "slip", "extensions": ["slip"]}}, None),
     ],
+    ids=["exponential", "tensor", "slip and stiffening", "creep", "damping tensor", "Kelvin-Voigt", "slip"],
 )
 def test_a_richer_law_is_refused_where_its_cuff_is_worn(tmp_path: Path, more: dict[str, Any], law: str | None) -> None:
     path = write_cuffs(tmp_path / "cuffs.json", **more)
@@ -258,7 +260,9 @@ def test_a_richer_law_is_refused_where_its_cuff_is_worn(tmp_path: Path, more: di
 
 
 @pytest.mark.parametrize(
-    ("chosen", "is_refused"), [((), False), (("slip",), False), (("slip", "creep"), True), (("tensor",), True)]
+    ("chosen", "is_refused"),
+    [((), False), (("slip",), False), (("slip", "creep"), True), (("tensor",), True)],
+    ids=["Kelvin-Voigt", "slip", "slip and creep", "tensor"],
 )
 def test_no_cuff_of_a_richer_law_is_worn(tmp_path: Path, chosen: tuple[str, ...], is_refused: bool) -> None:
     cuffs = read_cuffs_to_wear(write_cuffs(tmp_path / "cuffs.json"))
@@ -468,6 +472,7 @@ def test_an_output_that_is_a_file_is_refused_before_anything_is_solved(tmp_path:
 @pytest.mark.parametrize(
     ("chosen", "code"),
     [((), InputCode.ONE_ARM_CUFF), (("waist",), InputCode.ONE_ARM_CUFF), (("nope",), InputCode.UNKNOWN_CUFF)],
+    ids=["all", "waist", "unknown"],
 )
 def test_another_than_the_one_arm_cuff_is_wrong_usage(tmp_path: Path, chosen: tuple[str, ...], code: InputCode) -> None:
     with raises_refusal(code, *chosen, kind=InputError) as caught:

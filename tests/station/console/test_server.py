@@ -57,6 +57,12 @@ REJECTED: list[tuple[str | None, str, Headers]] = [
 """Token of the console, query and headers."""
 
 
+def _case_id(value: str | Headers | None) -> str:
+    if isinstance(value, dict):
+        return " ".join(f"{name}={text}" for name, text in value.items()) or "no headers"
+    return value or "none"
+
+
 def _request(
     token: str | None, kind: str, headers: Headers, query: str = "", path: str = "/"
 ) -> tuple[bool, dict[str, Any]]:
@@ -90,7 +96,7 @@ def _assert_in_no_frame(answer: dict[str, Any]) -> None:
 
 
 @pytest.mark.parametrize("kind", ["http", "websocket"])
-@pytest.mark.parametrize(("token", "headers"), ACCEPTED)
+@pytest.mark.parametrize(("token", "headers"), ACCEPTED, ids=_case_id)
 def test_requests_of_this_machine_and_those_with_the_cookie_are_accepted(
     token: str | None, headers: Headers, kind: str
 ) -> None:
@@ -100,7 +106,7 @@ def test_requests_of_this_machine_and_those_with_the_cookie_are_accepted(
 
 
 @pytest.mark.parametrize("kind", ["http", "websocket"])
-@pytest.mark.parametrize(("token", "query", "headers"), REJECTED)
+@pytest.mark.parametrize(("token", "query", "headers"), REJECTED, ids=_case_id)
 def test_requests_of_other_sites_and_those_without_the_token_are_rejected(
     token: str | None, query: str, headers: Headers, kind: str
 ) -> None:

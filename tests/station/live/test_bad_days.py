@@ -142,7 +142,7 @@ def test_effort_and_best_rest_length_are_those_of_the_cycles() -> None:
     assert best.effort == pytest.approx(0.8 + 40 * np.mean([0.01**2, 0.0, 0.01**2]), abs=1e-6)
     for length, bound in ((0.80, (1, 0.75)), (0.60, (-1, 0.66))):
         best = run([length, length]).best(LENGTHS)
-        assert best is not None and (best.edge, best.rest_length_m) == bound
+        assert best is not None and (best.edge, best.rest_length_m) == bound, length
     recent = run([0.80, 0.72, 0.72, 0.72]).recent()
     assert recent is not None and recent.cycles == 3
     assert recent.effort["worn"] == pytest.approx(0.8) and recent.effort["slack"] == pytest.approx(1.0)
