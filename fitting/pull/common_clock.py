@@ -1,4 +1,4 @@
-"""Whether force and displacement of a pull belong together: on one clock, and a force that moves the cuff."""
+"""Consistency of force and displacement of a pull: a common clock, and a load cell without drift."""
 
 from __future__ import annotations
 
@@ -10,18 +10,15 @@ from fitting.errors import UnusableTrial
 from fitting.results.trial_codes import RejectionCode
 
 BIN, SIDE = 0.05, 0.5
-"""Step of the grid, and stretch before and after an instant whose means are compared [s]."""
+"""Step of the grid, and duration before and after an instant over which means are compared [s]."""
 MOST_OFFSET, TOLERANCE = 10.0, 0.5
-"""Largest offset that is tried, and largest one without effect on a hold, whose first second is left out [s]."""
+"""Largest offset of the search, and largest offset without effect on held loads, whose first second is left out [s]."""
 CLEAR, LEAST_PART = 0.7, 0.7
-"""Correlation of the steps from which their offset is certain, and the part of it that they need without an offset.
-Cuffs that creep, slip or have friction have 0.8 to 1 without one; steps of the load 1 s apart have 0.4."""
+"""Least correlation of the steps at the best offset, and least part of it without an offset. This part is 0.8 to 1
+for cuffs that creep, slip or have friction, and 0.4 if force and displacement are 1 s apart."""
 REACH = round(MOST_OFFSET / BIN)
-SWING_TOLERANCE, SWING_RATIO = 0.2, 1.5
-"""Largest offset of a swing that its phase shows [s], and limit of the uncorrelated part as the files are, over that at
-the best offset: 1 for cuffs that creep, slip or have friction, 2 to 140 for a period."""
 LEAST_MOTION = 1e-12
-"""Smallest sum of squared motions [m²] by which one divides."""
+"""Lower limit of the sum of squared motions [m²], against division by zero."""
 
 
 def require_common_steps(
@@ -35,29 +32,10 @@ def require_common_steps(
     if len(load) <= 2 * REACH:
         return
     correlation = _correlation(_steps(load), _steps(position), REACH)
-    best, aligned = int(np.argmax(correlation)), _near_zero(correlation, TOLERANCE)
+    best, tolerated = int(np.argmax(correlation)), round(TOLERANCE / BIN)
+    aligned = float(correlation[REACH - tolerated : REACH + tolerated + 1].max())
     if correlation[best] > CLEAR and aligned < LEAST_PART * correlation[best]:
         raise UnusableTrial(RejectionCode.STEPS_APART, {"offset_s": (best - REACH) * BIN})
-
-
-def require_common_swing(
-    force_time: NDArray[np.float64],
-    force: NDArray[np.float64],
-    marker_time: NDArray[np.float64],
-    displacement: NDArray[np.float64],
-) -> None:
-    """Raise UnusableTrial if displacement (frames,) [m] follows the swing of force (n,) [N] whole periods apart.
-
-    Within a swing these offsets look alike; its start and end do not, which count from the rest before the swing.
-    """
-    load, position = _on_grid(force_time, force, marker_time, displacement)
-    reach, rest = min(REACH, (len(load) - 1) // 2), round(SIDE / BIN)
-    if reach <= rest:
-        return
-    correlation = _correlation(load - load[:rest].mean(), position - position[:rest].mean(), reach)
-    best, aligned = int(np.argmax(correlation)), _near_zero(correlation, SWING_TOLERANCE)
-    if correlation[best] > CLEAR and 1 - aligned > SWING_RATIO * (1 - correlation[best]):
-        raise UnusableTrial(RejectionCode.STEPS_APART, {"offset_s": (best - reach) * BIN})
 
 
 def require_steady_cell(
@@ -92,7 +70,7 @@ def _on_grid(
     marker_time: NDArray[np.float64],
     displacement: NDArray[np.float64],
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Force and displacement (n,) at every BIN of the common time; empty if the cuff is hidden."""
+    """Force and displacement (n,) on a grid of step BIN over their common time; empty if the cuff is hidden."""
     seen = np.isfinite(displacement)
     if np.count_nonzero(seen) < 2:
         return np.empty(0), np.empty(0)
@@ -100,14 +78,8 @@ def _on_grid(
     return np.interp(grid, force_time, force), np.interp(grid, marker_time[seen], displacement[seen])
 
 
-def _near_zero(correlation: NDArray[np.float64], tolerance: float) -> float:
-    """The largest correlation of the offsets within a tolerance [s]."""
-    middle, tolerated = len(correlation) // 2, round(tolerance / BIN)
-    return float(correlation[middle - tolerated : middle + tolerated + 1].max())
-
-
 def _steps(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(n,) difference of the means after and before every instant."""
+    """(n,) mean after every instant minus the mean before it."""
     half = round(SIDE / BIN) // 2
     mean = scipy.ndimage.uniform_filter1d(values, 2 * half)
     stepped = np.zeros_like(mean)
@@ -116,6 +88,6 @@ def _steps(values: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _correlation(force: NDArray[np.float64], displacement: NDArray[np.float64], reach: int) -> NDArray[np.float64]:
-    """(2 reach + 1,) correlation of force (n,) with displacement (n,) that is −reach to reach samples later."""
+    """(2 reach + 1,) correlation of force (n,) with displacement (n,), which lags by −reach to reach samples."""
     scale = float(np.linalg.norm(force) * np.linalg.norm(displacement))
     return np.correlate(np.pad(displacement, reach), force, "valid") / scale if scale > 0 else np.zeros(2 * reach + 1)

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from documents.results import EqualByFields
 from fitting.errors import UnusableTrial
-from fitting.pull.common_clock import require_common_steps, require_common_swing, require_steady_cell
+from fitting.pull.common_clock import require_common_steps, require_steady_cell
 from fitting.pull.cuff_motion import (
     OCCLUSION_LIMIT,
     OCCLUSION_NOTE,
@@ -229,8 +229,6 @@ def _project(moved: _Moved, direction: NDArray[np.float64], number: int, turned:
         require_positive_loads(plateaus)
         require_common_steps(*signals)
         notes += check_steps(plateaus, trial.step_masses)
-    else:
-        require_common_swing(*signals)
     return Pull(
         trial=trial,
         force_time=trial.force_time,

@@ -110,8 +110,8 @@ class RejectionCode(Code, prefix="rejected."):
         f"and its amplifier warm up, check their supply, and {_AGAIN}"
     )
     STEPS_APART = (
-        "force and displacement are not on one clock: they change {offset_s:+.1f} s apart, positive if the "
-        "displacement is later; check the sync line, or import the files with this lag (`--lag-s`)"
+        "force and displacement are not on one clock: the displacement follows the force by {offset_s:+.1f} s; "
+        "check the sync line, or import the files with this lag (`--lag-s`)"
     )
     ZERO_DRIFT = (
         _REST

@@ -29,28 +29,6 @@ MISTAKES = {
 SETS = [(1.5,) * 5, (0.5,) * 8, (0.3,) * 4, (2.0, 1.0, 0.5), (2.0,) * 3]
 
 
-@pytest.mark.parametrize(
-    ("truth", "law"),
-    [
-        (published("hand"), None),
-        (published("waist", frequency=2.0), None),
-        (Truth(), Law(friction=6.0)),
-        (Truth(), Law(slip_from=15.0)),
-        (Truth(), Law(slow=(0.4, 5.0))),
-    ],
-)
-def test_a_swing_whose_files_are_whole_periods_apart_is_rejected(truth: Truth, law: Law | None) -> None:
-    """Its phase is right, and c would be identified."""
-    session = Session(truth, 3) if law is None else OddSession(law, Rig(), 5, truth)
-    session.static()  # in which the cuff slips
-    trial = build_trial(*session.dynamic(), "d", "d")
-    assert make_pulls([trial])[1] == {}
-    for late in (1 / truth.frequency, -1 / truth.frequency, 2 / truth.frequency):
-        reason = make_pulls([replace(trial, force_time=trial.force_time - late)])[1]["d"]
-        assert reason.code is RejectionCode.STEPS_APART
-        assert reason.figures["offset_s"] == pytest.approx(late, abs=0.15)
-
-
 @pytest.mark.parametrize("test", ["static", "dynamic"])
 def test_a_load_cell_that_drifts_is_named(test: str) -> None:
     """Loads that drift are not held: no weight would be counted."""
