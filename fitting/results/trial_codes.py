@@ -12,7 +12,7 @@ _ONLY_DAMAGE = (
 )
 _REST = "the force at rest changes by {drift_n:+.2f} N from start to end, expected at most {limit_n:.2f} N"
 _FREQUENT = "samples per cycle of {frequency_hz:.2f} Hz, expected at least {expected:g}"
-_SPIKES = "force leaps by up to {most_n:.0f} N for one or two samples, {count:.0f} of {total:.0f}"
+_SPIKES = "{count:.0f} of {total:.0f} force samples are spikes of up to {most_n:.0f} N"
 _PLUG = "check plug, cable and shield of the load cell"
 _LOST = " were lost {count:time}, {total_s:.2f} s in all, at most {longest_s:.2f} s at a time"
 _STUCK = "force reads {force_n:.2f} N without change for {duration_s:.1f} s from {start_s:.1f} s on "
@@ -95,7 +95,10 @@ class RejectionCode(Code, prefix="rejected."):
     )
     FORCE_CONSTANT = "force reads {value:g} in all {total:.0f} samples, expected noise and load; check the load cell"
     FORCE_STUCK_MOVING = "rejected.force_stuck_while_moving", f"{_STUCK}while the cuff moves: {_HUNG}"
-    FORCE_STUCK_QUIET = "rejected.force_stuck_without_noise", f"{_STUCK}with a noise of {{noise_n:.2g}} N: {_HUNG}"
+    FORCE_STUCK_QUIET = (
+        "rejected.force_stuck_without_noise",
+        f"{_STUCK}although its noise elsewhere is {{noise_n:.2g}} N: {_HUNG}",
+    )
     FORCE_NOISE = (
         "rejected.force_noise_alone",
         "force is noise about {force_n:.2f} N while the cuff moves by {travel_m:mm .1f} mm; check that the load cell "
@@ -211,7 +214,7 @@ class TrialNoteCode(Code):
     ASSIGNED = "recording.assigned", "assigned to this trial by the operator; recorded as {recorded_as}"
     WINDOW = "recording.window", "only {start_s:.2f} to {end_s:.2f} s of the trial are used"
     FORCE_LOST = "force.samples_lost", "force samples" + _LOST
-    FORCE_SPIKES = "force.spikes", f"{_SPIKES}, which are left out; {_PLUG}"
+    FORCE_SPIKES = "force.spikes", f"{_SPIKES} and are left out; {_PLUG}"
     FORCE_MISSING = (
         "force.missing",
         "the force is missing in {share:percent .0f} % of the marker frames, which are left out",

@@ -119,32 +119,33 @@ SPIKE_NOISE, SPIKE_PART, SPIKE_N = 10.0, 0.5, 5.0
 MOST_SPIKES = 0.02
 
 
-def find_spikes(force: NDArray[np.float64], rate_hz: float) -> NDArray[np.bool_]:
-    """Samples (n,) of force (n,) [N] that leap for one or two samples, as by a loose contact or interference.
+def find_spikes(force: NDArray[np.float64], rate_hz: float) -> NDArray[np.float64]:
+    """Height (n,) [N] of the spikes in force (n,) [N] above or below the samples around; 0 for the other samples.
+
+    A spike lasts for one or two samples; its cause is a loose contact or interference.
 
     Raises UnusableTrial if they are more than MOST_SPIKES of the samples.
     """
     if len(force) < SPIKE_NEIGHBOURS or rate_hz < SPIKE_RATE_HZ or not np.isfinite(force).all():
-        return np.zeros(len(force), bool)
-    median = scipy.ndimage.median_filter(force, SPIKE_NEIGHBOURS, mode="nearest")
+        return np.zeros(len(force))
+    # mode="nearest" repeats the sample at an end and hides a spike there
+    median = scipy.ndimage.median_filter(force, SPIKE_NEIGHBOURS, mode="mirror")
     apart = np.abs(force - median)
     low, high = np.percentile(median, [0.5, 99.5])
     is_spike = apart > max(SPIKE_NOISE * float(np.median(apart)), SPIKE_PART * float(high - low), SPIKE_N)
+    spikes = np.where(is_spike, apart, 0.0)
     if np.mean(is_spike) > MOST_SPIKES:
-        raise UnusableTrial(RejectionCode.FORCE_SPIKES, _spike_figures(apart, is_spike))
-    return np.asarray(is_spike)
+        raise UnusableTrial(RejectionCode.FORCE_SPIKES, _spike_figures(spikes))
+    return spikes
 
 
-def spike_notes(force: NDArray[np.float64], is_spike: NDArray[np.bool_]) -> tuple[Note, ...]:
-    """A note if samples of force (n,) [N] were left out as spikes (n,)."""
-    if not is_spike.any():
-        return ()
-    return (Note(TrialNoteCode.FORCE_SPIKES, _spike_figures(np.abs(force - np.median(force)), is_spike)),)
+def spike_notes(spikes: NDArray[np.float64]) -> tuple[Note, ...]:
+    """A note if samples of a trial were left out as spikes, from the heights (n,) [N] of find_spikes."""
+    return (Note(TrialNoteCode.FORCE_SPIKES, _spike_figures(spikes)),) if spikes.any() else ()
 
 
-def _spike_figures(apart: NDArray[np.float64], is_spike: NDArray[np.bool_]) -> Figures:
-    count = int(np.count_nonzero(is_spike))
-    return {"count": count, "total": len(is_spike), "most_n": float(apart[is_spike].max())}
+def _spike_figures(spikes: NDArray[np.float64]) -> Figures:
+    return {"count": int(np.count_nonzero(spikes)), "total": len(spikes), "most_n": float(spikes.max())}
 
 
 def require_sound_force(values: NDArray[np.float64], limit: float, unit: str = "V") -> None:

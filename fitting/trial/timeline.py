@@ -142,10 +142,10 @@ def build_timeline(manifest: Manifest, tracks: Mapping[str, Track], labels: tupl
     require_labels(labels, frames.stream.labels)
     raw = np.empty(0) if force is None else force.values[:, 0].astype(np.float64)
     newtons = to_newtons(raw, manifest.load_cell)
-    is_spike = np.zeros(len(raw), bool)
+    spikes = np.zeros(len(raw))
     if force is not None and manifest.is_force_used:
-        is_spike = find_spikes(newtons, force.stream.rate_hz)
-        require_sound_force(raw[~is_spike], _full_scale(manifest, force.stream), force.stream.unit)
+        require_sound_force(raw, _full_scale(manifest, force.stream), force.stream.unit)
+        spikes = find_spikes(newtons, force.stream.rate_hz)
     aligned = (
         align_by_sync_edge(manifest, tracks) if manifest.begins_at_edge else _align_as_declared(manifest, force, frames)
     )
@@ -156,11 +156,12 @@ def build_timeline(manifest: Manifest, tracks: Mapping[str, Track], labels: tupl
     force_time = aligned.force_time + lag.value
     in_frames, end = _overlap(force_time if manifest.is_force_used else marker_time, marker_time)
     in_force = (force_time >= 0) & (force_time <= end)
+    is_kept = in_force & (spikes == 0)
     force_gaps = _gaps(force.numbers, force_time, end) if force is not None and manifest.is_force_used else ()
     frame_gaps = _gaps(frames.numbers, first_frame + frames.seconds - frames.seconds[0], end)
     return Timeline(
-        force_time=force_time[in_force & ~is_spike],
-        force=newtons[in_force & ~is_spike],
+        force_time=force_time[is_kept],
+        force=newtons[is_kept],
         force_step=code_width(newtons),
         marker_time=marker_time[in_frames],
         markers=MILLIMETRE * grid[in_frames],
@@ -170,7 +171,7 @@ def build_timeline(manifest: Manifest, tracks: Mapping[str, Track], labels: tupl
         capture_end=float(max([marker_time[-1], *force_time[-1:]])) if aligned.sync_fall is None else aligned.sync_fall,
         force_gaps=force_gaps,
         frame_gaps=frame_gaps,
-        notes=notes + loss_notes(force_gaps, frame_gaps) + spike_notes(newtons, in_force & is_spike),
+        notes=notes + loss_notes(force_gaps, frame_gaps) + spike_notes(spikes[in_force]),
     )
 
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from fitting.cuffs.cuffs_file import sync_entry
 from fitting.results.trial_codes import RejectionCode, TrialNoteCode
-from fitting.trial.calibration import require_sound_force
+from fitting.trial.calibration import find_spikes, require_sound_force
 from fitting.trial.decimation import Decimator, decimate, highest_rate
 from fitting.trial.timeline import (
     Timeline,
@@ -526,9 +526,19 @@ def test_spikes_of_the_force_are_left_out_and_counted(samples: int, count: int |
     found = figures_by_code(timeline.notes).get(TrialNoteCode.FORCE_SPIKES, {"count": 0})
     assert found["count"] == count
     if count:
-        assert found["most_n"] == pytest.approx(500.0, abs=90.0) and np.max(timeline.force) == np.max(clean.force)
-        limited = replace(manifest, load_cell=replace(cell, capacity_kg=30.0))  # more than three samples are beyond it
-        assert len(build_timeline(limited, spiked, manifest.cuff.labels).force) == len(timeline.force)
+        assert found["total"] == len(clean.force) and np.max(timeline.force) == np.max(clean.force)
+        assert found["most_n"] == pytest.approx(500.0, abs=5.0)
+        limited = replace(manifest, load_cell=replace(cell, capacity_kg=30.0))
+        with raises_refusal(RejectionCode.FORCE_SATURATED, count=count):
+            build_timeline(limited, spiked, manifest.cuff.labels)
+
+
+@pytest.mark.parametrize("sample", [0, 1, 700, -1])
+def test_a_spike_has_its_height_above_the_samples_around_also_at_an_end(sample: int) -> None:
+    force = np.repeat([0.0, 150.0], 500)
+    spiked = force.copy()
+    spiked[sample] += 100.0
+    np.testing.assert_array_equal(find_spikes(spiked, 1000.0), spiked - force)
 
 
 def test_losses_of_both_streams_are_counted_summed_and_the_longest_named() -> None:
