@@ -17,6 +17,8 @@ CLEAR, LEAST_PART = 0.7, 0.7
 """Least correlation of the steps at the best offset, and least part of it without an offset. This part is 0.8 to 1
 for cuffs that creep, slip or have friction, and 0.4 if force and displacement are 1 s apart."""
 REACH = round(MOST_OFFSET / BIN)
+CLEAR_MOTION = 10.0
+"""Least total motion of a cuff that moves steadily, in standard deviations of its motion within a second."""
 LEAST_MOTION = 1e-12
 """Lower limit of the sum of squared motions [m²], against division by zero."""
 
@@ -47,8 +49,8 @@ def require_steady_cell(
 ) -> None:
     """Raise UnusableTrial if the force (n,) [N] drifts beyond a tolerance [N] while the cuff (frames,) [m] rests.
 
-    A drift remains at the end. A force of the rope moves the cuff, by the slope of the changes of force within a second
-    over those of displacement.
+    A drift of the load cell persists to the end and does not move the cuff. A force in the rope does: at the rate of
+    the force over the stiffness (regression of the changes within a second), or steadily and by far more than noise.
     """
     load, position = _on_grid(force_time, force, marker_time, displacement)
     second = round(1 / BIN)
@@ -58,7 +60,10 @@ def require_steady_cell(
     change, motion = (values[second:] - values[:-second] for values in (load, position))
     rate, duration = float(np.median(change)), BIN * len(load)
     slope = float(change @ motion) / max(float(motion @ motion), LEAST_MOTION)
-    moves = abs(slope * float(np.median(motion))) > abs(rate) / 2
+    moved = float(position[-second:].mean() - position[:second].mean())
+    speed = float(np.median(motion))
+    is_steady = abs(moved) > CLEAR_MOTION * float(np.std(motion)) and speed * duration / moved > 1 / 2
+    moves = is_steady or abs(slope * speed) > abs(rate) / 2
     remains = float(load[-second:].mean() - load[:second].mean()) * np.sign(rate)
     if not moves and abs(rate) * duration > tolerance / 2 and remains > max(tolerance, abs(rate) * duration / 2):
         raise UnusableTrial(RejectionCode.FORCE_DRIFTS, {"drift_n_per_s": rate, "duration_s": duration})

@@ -50,6 +50,10 @@ def test_a_force_that_the_cuff_follows_or_that_returns_does_not_drift() -> None:
     require_steady_cell(time, pulled, time, pulled / 8000, 5.0)
     require_steady_cell(time, np.where(time < 39.0, 0.5 * time, 0.0), time, still, 5.0)
     require_steady_cell(time, 0.1 * time, time, still, 5.0)
+    slow, noise = 0.5 * 3 * time, 1e-4 * np.random.default_rng(1).standard_normal(len(time))
+    require_steady_cell(3 * time, slow, 3 * time, slow / 5000 + noise, 5.0)
+    with raises_refusal(RejectionCode.FORCE_DRIFTS, drift_n_per_s=pytest.approx(0.5, rel=0.01)):
+        require_steady_cell(3 * time, slow, 3 * time, noise, 5.0)
     with raises_refusal(RejectionCode.FORCE_DRIFTS, drift_n_per_s=pytest.approx(0.2), duration_s=pytest.approx(40.0)):
         require_steady_cell(time, 0.2 * time, time, still, 5.0)
 
