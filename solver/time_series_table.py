@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -19,8 +20,10 @@ FEWEST_SAMPLED, LONGEST_STEP_S = 20, 0.5
 """Rows and median step [s] of a table that was sampled, not written by hand; a longer step is one in ms."""
 SMALLER_UNITS = (("ms", 1e3), ("µs", 1e6), ("ns", 1e9))
 """And how many of it are a second."""
-LEAST_ROWS_ALIKE = 8
-"""Of numbers with equally many decimals, from which all are written so."""
+LEAST_ROWS_ALIKE, LEAST_DECIMALS = 20, 3
+"""Rows of numbers with equally many decimals, at least so many, from which all are written so. Fewer rows or decimals
+are also those of a program that drops zeros at the end of a number.
+"""
 _FILLING = " \t,;"
 _DECIMAL_COMMA = re.compile(r"[-+]?\d+,\d+(e[-+]?\d+)?", re.IGNORECASE)
 
@@ -196,8 +199,11 @@ def _ensure_whole_end(path: Path, rows: Sequence[str]) -> None:
     """Raise MotionError for a last number, without a line's end, that has fewer decimals than all above it: it was cut
     to another number.
     """
-    *above, last = (len(row.split()[-1].partition(".")[2]) for row in rows[1:])
-    if len(above) >= LEAST_ROWS_ALIKE and last < above[0] == min(above) == max(above):
+    cells = [row.split()[-1] for row in rows[1:]]
+    if not math.isfinite(float(cells[-1])):
+        return
+    *above, last = (len(cell.partition(".")[2]) for cell in cells if math.isfinite(float(cell)))
+    if len(above) >= LEAST_ROWS_ALIKE and LEAST_DECIMALS <= min(above) == max(above) > last:
         sentence = f"{path.name} should end with {counted(above[0], 'decimal')} as in every row and ends with {last}"
         raise MotionError(f"{sentence}; the file is cut, export it again", SolverCode.MALFORMED_TABLE)
 

@@ -46,7 +46,7 @@ units. A quantity divided by its unit (F/kN) is ISO 80000-1's form for the title
 """
 SLOWEST_FORCE_HZ, FASTEST_FORCE_HZ = 5.0, 100_000.0
 SLOWEST_FRAMES_HZ, FASTEST_FRAMES_HZ = 5.0, 2_000.0
-NARROWEST_MM, WIDEST_MM, CLOSEST_MM = 50.0, 20_000.0, 10.0
+NARROWEST_MM, WIDEST_MM, CLOSEST_MM = 20.0, 20_000.0, 10.0
 """Plausible sizes of a set of markers on a body and on the rope, and distance of two markers that cameras distinguish:
 another unit than that of the title is outside of this range. A unit that the operator gives is believed.
 """
@@ -225,18 +225,23 @@ def _require_possible(time: NDArray[np.float64], values: NDArray[np.float64], mo
 
 
 def _require_size(table: MarkerTable, needed: Sequence[str], source: MarkerSource) -> None:
-    """Raise ImportRefused for distances of the needed markers too short for a body, or too long for a laboratory."""
-    if table.missing.all():
-        raise ImportRefused(Message(ImportCode.NOTHING_VISIBLE, {"path": str(source.path)}))
-    seen = {
+    """Raise ImportRefused for distances of the needed markers too short for a body, or too long for a laboratory.
+
+    All visible markers count if fewer than two are needed, as in a bounce.
+    """
+    visible = {
         label: np.median(table.positions[~missing, i], axis=0)
         for i, (label, missing) in enumerate(zip(table.labels, table.missing.T, strict=True))
-        if label in needed and not missing.all()
+        if not missing.all()
     }
-    if len(seen) < 2:
+    if not visible:
+        raise ImportRefused(Message(ImportCode.NOTHING_VISIBLE, {"path": str(source.path)}))
+    if len(set(needed)) > 1:
+        visible = {label: place for label, place in visible.items() if label in needed}
+    if len(visible) < 2:
         return
-    size, least = float(np.max(np.ptp(list(seen.values()), axis=0))), NARROWEST_MM
-    pairs = {pair: float(np.linalg.norm(seen[pair[0]] - seen[pair[1]])) for pair in combinations(seen, 2)}
+    pairs = {pair: float(np.linalg.norm(visible[pair[0]] - visible[pair[1]])) for pair in combinations(visible, 2)}
+    size, least = max(pairs.values()), NARROWEST_MM
     (one, other), closest = min(pairs.items(), key=lambda pair: pair[1])
     if source.unit is not None:
         least = closest = CLOSEST_MM

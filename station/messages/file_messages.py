@@ -45,12 +45,12 @@ class ImportCode(Code, prefix="import."):
     )
     MARKER_DISTANCE = (
         "the markers of {path} are within {size_mm:.4g} mm of each other, expected {least_mm:g} to {most_mm:g} mm; "
-        "give the unit of the file by --mocap-unit"
+        "give the unit of the file by --mocap-unit, or export in mm"
     )
     MARKERS_CLOSE = (
         "import.markers_close",
         "{one} and {other} of {path} are {distance_mm:.3g} mm apart, expected at least {least_mm:g} mm; give the unit "
-        "of the file by --mocap-unit",
+        "of the file by --mocap-unit, or export in mm",
     )
     IMPOSSIBLE_VALUE = (
         "{what} has {value:.4g} at {time_s:.3f} s, expected at most {most:g}; correct the value, or cut the file there"

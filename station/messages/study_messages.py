@@ -9,7 +9,7 @@ class StudyCode(Code, prefix="study."):
     """Reason why a study is not made, or why a session or a value is left out of it."""
 
     NO_SESSION = "{folders} holds no session: no folder has a cuffs.json; fit sessions with `station fit`"
-    NO_USABLE_SESSION = "no session can be used, of {sessions:.0f} found: {left_out}"
+    NO_USABLE_SESSION = "none of the sessions found ({sessions:.0f}) can be used: {left_out}"
     MIXED_ORIGIN = (
         "measured and simulated sessions cannot be in one study: {measured} is measured, {simulated} is simulated; "
         "name the folders of one kind"

@@ -10,7 +10,6 @@ from pathlib import Path
 from documents.message import Figures, Message, because, join_sentences
 from fitting.cuffs.cuffs_file import CUFFS_FILE, CuffsFileError, read_cuffs_document
 from fitting.cuffs.wearable_cuff import QUANTITIES
-from fitting.results.codes import Verdict
 from fitting.results.cuffs_schema import CuffEntry, CuffsDocument, FigureEntry, TrialEntry
 from fitting.results.sentences import Note, verdict_messages
 from fitting.study.cuff_study import Observation
@@ -146,9 +145,14 @@ def _values(fitted: CuffEntry, quantity: str) -> Iterator[tuple[int, FigureEntry
 
 
 def _reason(fitted: CuffEntry) -> Figures:
-    """Why a donning lacks a value: all verdicts as sentences, and the first of them as a code with its figures."""
+    """Why a donning lacks a value: all verdicts as sentences, and the first of them as a code with its figures.
+
+    A cuff that was written by hand has no codes; its reason is its verdict as written.
+    """
+    if not fitted.verdict_codes:
+        return {"reason": fitted.verdict or "no value"}
     notes = (Note(note.code, note.figures) for note in fitted.note_codes)
-    first, *others = verdict_messages(fitted.verdict_codes or [Verdict.GIVEN], notes)
+    first, *others = verdict_messages(fitted.verdict_codes, notes)
     return {**first.figures, "reason": join_sentences([first, *others]), "reason_code": first.code.value}
 
 

@@ -429,7 +429,7 @@ def test_the_time_in_common_is_that_after_the_lag(truth: Truth, static: Files, t
 
 def test_positions_in_another_unit_are_refused(station, truth: Truth, static: Files, tmp_path: Path) -> None:
     for factor, apart, code in (
-        (10, 0.0, ImportCode.MARKER_DISTANCE),  # cm
+        (10, 0.0, ImportCode.MARKERS_CLOSE),  # cm
         (25.4, 50.0, ImportCode.MARKERS_CLOSE),  # inches, one marker far away
         (1000, 0.0, ImportCode.MARKER_DISTANCE),  # m
     ):
@@ -443,6 +443,28 @@ def test_positions_in_another_unit_are_refused(station, truth: Truth, static: Fi
     reference = run(tmp_path / "r", static[0], truth.write_markers(tmp_path / "mm.tsv")).path
     found, expected = (read_trial(path).markers for path in (Path(ran.out.strip()), reference))
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("positions_mm", "needed", "code"),
+    [
+        ([[0, 0, 0], [45, 0, 0]], 2, None),  # markers on a wrist
+        ([[0, 0, 0], [15, 15, 0]], 2, None),  # oblique
+        ([[0, 0, 0], [15, 5, 0]], 2, ImportCode.MARKER_DISTANCE),
+        ([[0, 0, 0], [0.5, 0, 0.3]], 1, ImportCode.MARKER_DISTANCE),  # a bounce in m beside another marker
+        ([[0, 0, 0], [500, 0, 300]], 1, None),
+        ([[0, 0, 0]], 1, None),
+    ],
+)
+def test_the_size_of_a_marker_set_is_its_largest_distance(
+    tmp_path: Path, positions_mm: list[list[float]], needed: int, code: ImportCode | None
+) -> None:
+    labels = tuple(f"m{i}" for i in range(len(positions_mm)))
+    places = np.tile(np.array(positions_mm, dtype=float) + 1.0, (50, 1, 1))
+    file = tmp_path / "markers.tsv"
+    file.write_text(write_qtm_tsv(MarkerTable(labels, 100.0, np.arange(50) / 100, places, np.zeros(places.shape[:2]))))
+    with raises_refusal(code, kind=ImportRefused) if code else nullcontext():
+        read_markers(MarkerSource(file), labels[:needed])
 
 
 def test_an_import_to_a_full_disk_names_the_recording_and_leaves_none(

@@ -151,6 +151,21 @@ def test_a_trial_that_ended_early_is_the_reason_for_a_missing_value_with_its_fig
     assert left_out.figures["reason"] == NoteCode.STOPPED_LOADING.sentence(left_out.figures)
 
 
+@pytest.mark.parametrize(("verdict", "reason"), [("from a data sheet", "from a data sheet"), ("", "no value")])
+def test_the_reason_of_a_cuff_written_by_hand_is_its_verdict_as_written(
+    folder: Path, verdict: str, reason: str
+) -> None:
+    session = read_session(sorted(folder.iterdir())[0])
+    assert not isinstance(session, Message)
+    changes = {"damping_n_s_per_m": FigureEntry(), "verdict_codes": [], "verdict": verdict, "donnings": {}}
+    cuffs = {"hand": session.cuffs.cuffs["hand"].model_copy(update=changes)}
+    _, (left_out,) = select_measurements(
+        replace(session, cuffs=session.cuffs.model_copy(update={"cuffs": cuffs})), "damping"
+    )
+    assert left_out.figures["reason"] == reason
+    assert "reason_code" not in left_out.figures
+
+
 def test_measured_and_simulated_sessions_are_not_mixed(tmp_path: Path) -> None:
     folders = [tmp_path / origin for origin in ("measured", "simulated")]
     for folder in folders:
