@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-import scipy
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from documents.message import Code, Figures
@@ -128,8 +128,8 @@ def find_spikes(force: NDArray[np.float64], rate_hz: float) -> NDArray[np.float6
     """
     if len(force) < SPIKE_NEIGHBOURS or rate_hz < SPIKE_RATE_HZ or not np.isfinite(force).all():
         return np.zeros(len(force))
-    # mode="nearest" repeats the sample at an end and hides a spike there
-    median = scipy.ndimage.median_filter(force, SPIKE_NEIGHBOURS, mode="mirror")
+    padded = np.pad(force, SPIKE_NEIGHBOURS // 2, mode="reflect")  # mode="edge" would hide a spike in an end sample
+    median = np.median(sliding_window_view(padded, SPIKE_NEIGHBOURS), axis=1)
     apart = np.abs(force - median)
     low, high = np.percentile(median, [0.5, 99.5])
     is_spike = apart > max(SPIKE_NOISE * float(np.median(apart)), SPIKE_PART * float(high - low), SPIKE_N)
