@@ -36,7 +36,7 @@ from fitting.results.sentences import NAMES
 from fitting.uncertainty import Estimate, Repeat, combine
 from solver.cuff import KelvinVoigt
 
-Swung = tuple[Pull, DampingFit]
+SwingTrial = tuple[Pull, DampingFit]
 """A dynamic trial and the fit of its swing."""
 Pair = tuple[Pull, DampingFit, Sequence[Plateau]]
 """The same with the held loads before it."""
@@ -83,7 +83,7 @@ def find_all(
     pulls: Sequence[FittedPull], stiffness: Estimate | None, bands: Sequence[ComplexStiffness]
 ) -> Iterator[Finding]:
     """D1 to D8 of the used trials of one donning in time order, with its k and its complex stiffness."""
-    static, dynamic = _held(pulls), _swung(pulls)
+    static, dynamic = _held(pulls), _swing_trials(pulls)
     swings = [swing for _, swing in dynamic]
     with_zero = [fitted for fitted in static if _has_zero(fitted.plateaus)]
     pairs = [(*fitted, _before(fitted[0], with_zero)) for fitted in dynamic if with_zero]
@@ -101,7 +101,7 @@ def _held(pulls: Sequence[FittedPull]) -> list[FittedPull]:
     return [fitted for fitted in pulls if fitted.plateaus]
 
 
-def _swung(pulls: Sequence[FittedPull]) -> list[Swung]:
+def _swing_trials(pulls: Sequence[FittedPull]) -> list[SwingTrial]:
     return [(fitted.pull, fitted.dynamic) for fitted in pulls if fitted.dynamic]
 
 
@@ -255,7 +255,7 @@ def _unloaded_end(plateaus: Sequence[Plateau]) -> Level:
     return held_level(last if is_unloaded_last else first)
 
 
-def _noise(dynamic: Sequence[Swung]) -> Iterator[Finding]:
+def _noise(dynamic: Sequence[SwingTrial]) -> Iterator[Finding]:
     """D8: fitted force noise of the swing over that of the resting cuff, and correlation of the marker noise."""
     noises = [noise for pull, swing in dynamic if (noise := _noises(pull, swing)) is not None]
     if noises:
@@ -411,7 +411,7 @@ def find_causes(
     """
     static = _held(pulls)
     found = [
-        *_rig_causes(findings, static, _swung(pulls), classes),
+        *_rig_causes(findings, static, _swing_trials(pulls), classes),
         *_anchor_causes(pulls),
         *_weight_causes(static),
         *_law_causes(classes, creeps=creeps),
@@ -422,7 +422,10 @@ def find_causes(
 
 
 def _rig_causes(
-    findings: Sequence[Finding], static: Sequence[FittedPull], dynamic: Sequence[Swung], classes: ModelComparison | None
+    findings: Sequence[Finding],
+    static: Sequence[FittedPull],
+    dynamic: Sequence[SwingTrial],
+    classes: ModelComparison | None,
 ) -> Iterator[Cause]:
     by_code = {finding.code: finding for finding in findings}
     bare = [fitted.plateaus[0].force for fitted in static]

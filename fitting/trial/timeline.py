@@ -117,7 +117,7 @@ class Timeline:
     markers              (frames, labels, 3) m in the mocap frame; NaN for a hidden marker and for a lost frame
     clock, lag           the DAQ's clock relative to the mocap system's, and lag of force with its uncertainty
     sync_fall            s, falling edge of the sync line; None if it was not recorded
-    capture_end          s, the same, or else the end of the longer stream
+    capture_end          s, the same, or else the end of the longer stream; None for imports
     force_gaps, frame_gaps  (start, end) s of lost samples
     notes                remarks on the alignment
     """
@@ -130,7 +130,7 @@ class Timeline:
     clock: ClockFit
     lag: LagUncertainty
     sync_fall: float | None
-    capture_end: float
+    capture_end: float | None
     force_gaps: tuple[tuple[float, float], ...]
     frame_gaps: tuple[tuple[float, float], ...]
     notes: tuple[Note, ...]
@@ -168,11 +168,20 @@ def build_timeline(manifest: Manifest, tracks: Mapping[str, Track], labels: tupl
         clock=aligned.clock,
         lag=lag,
         sync_fall=aligned.sync_fall,
-        capture_end=float(max([marker_time[-1], *force_time[-1:]])) if aligned.sync_fall is None else aligned.sync_fall,
+        capture_end=_capture_end(manifest, aligned.sync_fall, marker_time, force_time),
         force_gaps=force_gaps,
         frame_gaps=frame_gaps,
         notes=notes + loss_notes(force_gaps, frame_gaps) + spike_notes(spikes[in_force]),
     )
+
+
+def _capture_end(
+    manifest: Manifest, sync_fall: float | None, marker_time: NDArray[np.float64], force_time: NDArray[np.float64]
+) -> float | None:
+    """End of the mocap capture [s], from streams that start with it; files from elsewhere may be of any length."""
+    if sync_fall is not None or not manifest.begins_at_edge:
+        return sync_fall
+    return float(max([marker_time[-1], *force_time[-1:]]))
 
 
 @dataclass(frozen=True)

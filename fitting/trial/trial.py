@@ -68,7 +68,7 @@ class Trial(EqualByFields):
     labels          of the markers: anchor, cuff, rope
     markers         (frames, markers, 3) m in the mocap frame; NaN for a hidden marker and for a lost frame
     lag             of force against markers, already applied, with its uncertainty
-    capture_end     s, falling edge of the sync line, or else the end of the longer stream; None if unknown
+    capture_end     s, falling edge of the sync line, or else the end of the longer stream; None for imports
     sync            certificate of the sync line; None without a sync line
     zero_drift      N, change of the force at rest from start to end; None without rest or without the capture's end
     gain_sd         relative standard uncertainty of the load cell's scale

@@ -110,6 +110,7 @@ def test_streams_of_one_clock_have_its_time_less_the_origin_and_the_lag_of_force
     assert (clock.start, clock.ratio, clock.has_both_edges) == (10.0, 1.0, False)
     assert clock.covariance.tolist() == [[0.0, 0.0], [0.0, 0.0]]
     assert timeline.notes == timeline.force_gaps == timeline.frame_gaps == () and timeline.sync_fall is None
+    assert timeline.capture_end is None  # the file of the force is longer
 
 
 def test_two_clocks_that_were_declared_to_agree_drift_apart() -> None:
@@ -229,6 +230,7 @@ def test_part_of_the_error_of_an_undeclared_stop_edge_is_common_and_without_one_
     own = timeline.clock.time_sd(1.495) ** 2 - (timeline.clock.common_drift * 1.495) ** 2
     assert timeline.lag.edge == pytest.approx(np.sqrt(max(0.0, own)), abs=1e-9)
     timeline = build(captured(**{"/sync": sync(6000, 2000, 6000)}), EDGE)
+    assert timeline.capture_end == pytest.approx(4.0, abs=2e-3)
     assert timeline.sync_fall is None and not timeline.clock.has_both_edges
     assert (timeline.lag.edge, timeline.lag.drift) == (pytest.approx(1e-3 / np.sqrt(12)), 50e-6)
     assert figures_by_code(timeline.notes).keys() == {TrialNoteCode.SYNC_NO_STOP}
