@@ -379,8 +379,11 @@ def test_files_with_too_little_time_in_common_are_refused(static: Files, tmp_pat
 
     for first, seconds, common in ((100.0, 30.0, 0.0), (0.0, 8.0, 8.0)):
         static[0].write_text(rows(first, seconds))
-        figures = {"common_s": common, "force_from_s": first, "expected_s": max(seconds, 20.98)}
-        expected = {name: pytest.approx(figure, abs=2e-3) for name, figure in figures.items()}
+        expected = {
+            "common_s": pytest.approx(common, abs=2e-3),
+            "force_from_s": pytest.approx(first),
+            "expected_s": pytest.approx(max(seconds, 20.98), abs=2e-3),
+        }
         with raises_refusal(ImportCode.SHORT_OVERLAP, kind=ImportRefused, **expected):
             run(tmp_path / "s", *static)
     static[0].write_text(rows(0.0, 19.6))

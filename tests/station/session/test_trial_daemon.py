@@ -504,8 +504,8 @@ def test_the_curves_begin_at_the_sync_edge(tmp_path: Path) -> None:
     live = LiveTrial(TrialSpec("hand", "static", 1), StaticGuide((), 1.0))
     live.latest = TrialTelemetry.model_validate(telemetry)
     at_edge_s = telemetry["edge_s"]
-    after_s = (-0.5, 0.0, 1.5)
-    assert live.from_edge([(at_edge_s + t, 1.0) for t in after_s]) == [(t, 1.0) for t in after_s]
+    curve = [(-0.5, 1.0), (0.0, 2.0), (1.5, 3.0)]
+    assert live.from_edge([(at_edge_s + t, value) for t, value in curve]) == curve
     assert at_edge_s == pytest.approx(-0.749), "a quarter of a second into a block whose last sample came at time 0"
     live.latest = TrialTelemetry.model_validate({**telemetry, "edge_s": None})
     assert live.from_edge([(7.0, 1.0), (9.0, 2.0)]) == [(-2.0, 1.0), (0.0, 2.0)]
