@@ -4,6 +4,7 @@ from collections.abc import Iterator
 
 import numpy as np
 import pytest
+from scipy import stats
 
 from fitting.dynamic.errors_in_variables import estimate
 from fitting.pull.pull import make_pulls
@@ -98,6 +99,20 @@ def test_the_error_of_the_damping_is_the_spread_of_noisy_complex_amplitudes() ->
     expected = float(np.std(ratio.imag)) / omega
     planned = damping_error((stiffness, damping, mass), 12.0, frequency, duration, noise)
     assert planned == pytest.approx(expected, rel=0.03)
+
+
+def test_the_power_is_the_part_of_simulated_studies_that_find_the_difference() -> None:
+    spread, noise = ExpectedSpread(volunteer_by_cuff=10.0, donning=12.0, repeat=6.0), 5.0
+    volunteers, donnings, repeats, difference, studies = 9, 2, 3, 14.0, 4000
+    rng = np.random.default_rng(5)
+    shape = (studies, volunteers, 2, donnings)
+    values = np.array([0.0, difference])[:, None] + spread.volunteer_by_cuff * rng.standard_normal((*shape[:3], 1))
+    values = values + spread.donning * rng.standard_normal(shape) + noise * rng.standard_normal(shape)
+    values = values + (spread.repeat * rng.standard_normal((*shape, repeats))).mean(axis=-1)
+    means = values.mean(axis=-1)
+    found = stats.ttest_rel(means[:, :, 1], means[:, :, 0], axis=1).pvalue < 0.05
+    error = difference_error(spread, noise, volunteers, donnings, repeats)
+    assert float(found.mean()) == pytest.approx(paired_power(difference, error, volunteers, 0.05), abs=0.03)
 
 
 @pytest.mark.parametrize(

@@ -189,6 +189,25 @@ def by_least_squares(problem, feasible, cost):
     ).x
 
 
+def test_conditions_of_optimality_hold_for_free_muscles_of_the_arm_raise():
+    # where a muscle is free and the cone is not touched, 3 w a² lies in the row space of the accelerations
+    problem = build_redundancy(MODEL, evaluate_motion(MODEL, SLOW), replace(CUBES, has_glenoid_cone=False))
+    checked = 0
+    for frame in range(len(SLOW.time)):
+        alone = only(problem, frame)
+        x = solve_redundancy(alone, workers=1).controls[0, 0]
+        muscles = len(MODEL.muscles)
+        is_free = np.r_[(x[:muscles] > 1e-3) & (x[:muscles] < 1), np.full(len(x) - muscles, fill_value=True)]
+        slopes = np.r_[3 * (alone.weights * x**2)[:muscles], 2 * (alone.weights * x)[muscles:]]
+        rows = alone.matrix[0].T
+        multipliers = np.linalg.lstsq(rows[is_free], slopes[is_free], rcond=1e-12)[0]
+        np.testing.assert_allclose((rows @ multipliers)[is_free], slopes[is_free], atol=1e-8)
+        resting = np.flatnonzero(~is_free & (np.r_[x[:muscles], np.ones(len(x) - muscles)] == 0.0))
+        assert (rows[resting] @ multipliers < 1e-6).all()
+        checked += int(is_free[:muscles].sum())
+    assert checked > 100
+
+
 def test_a_whole_motion_is_solved_with_less_extreme_activations():
     squares, with_cubes = (solve_motion(MODEL, SLOW, RedundancyOptions(exponent=p)) for p in (2, 3))
     assert with_cubes.unsolved == 0

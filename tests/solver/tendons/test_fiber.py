@@ -131,6 +131,20 @@ def test_a_rigid_tendon_has_the_forces_of_a_rigid_tendon() -> None:
     assert np.abs(found.tension - tension)[:, ~is_rigid].max() > 1.0
 
 
+def test_a_stiff_tendon_comes_near_a_rigid_one() -> None:
+    """Without damping, which rigid tendons leave out."""
+    lengths, speeds, activations = course(BUNDLED)
+    rigid = muscle_forces(BUNDLED, lengths, speeds)
+    tension, errors = rigid.active * activations + rigid.passive, []
+    for strain in (0.02, 0.002):
+        tendon = MillardTendon(strain, 1.375 / strain)
+        muscles = tuple(replace(m, tendon=m.tendon and tendon, fiber_damping=0.0) for m in BUNDLED.muscles)
+        stiff = elastic_forces(replace(BUNDLED, muscles=muscles), lengths, speeds, activations, INTERVAL)
+        errors.append(np.abs(stiff.tension - tension)[3:] / [m.max_isometric_force for m in muscles])
+    assert errors[1].max() < 0.02
+    assert np.mean(errors[1]) < 0.3 * np.mean(errors[0])
+
+
 def test_a_slack_tendon_has_no_force() -> None:
     lengths, speeds, activations = course(BUNDLED)
     short = 0.3 * column(BUNDLED, "tendon_slack_length")

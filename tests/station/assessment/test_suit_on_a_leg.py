@@ -4,6 +4,7 @@ import json
 import runpy
 import sys
 from contextlib import nullcontext
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,12 +15,13 @@ import cuffstation as cs
 from fitting.results.codes import FitErrorCode
 from solver.cuff import CuffParameters
 from solver.model import Model
-from solver.motion import differentiate, read_motion
+from solver.motion import decimate, differentiate, read_motion
+from solver.multibody.postures import Postures, jacobians, postures, wrench_about_origin
 from solver.osim.loads_document import read_external_loads
 from solver.osim.model_reader import read_osim
 from solver.redundancy.effort import RedundancyOptions, options_for
 from solver.redundancy.motion_solution import LoadedMotion
-from solver.suit.cord import SuitScenario
+from solver.suit.cord import SuitScenario, cord_line, suit_forces
 from solver.suit.optimise import optimise_suit
 from solver.suit.scenarios import prepare_suited_motion, solve_scenarios
 from solver.suit.suit import Suit, SuitError, read_suit, suit_toml
@@ -152,6 +154,45 @@ def test_the_muscles_do_what_the_ground_demands_of_the_ankle(station, tmp_path: 
         found["reaction_force_n.ankle_on_foot_in_foot.x"], found["reaction_force_n.ankle_on_foot_in_foot.y"]
     )
     np.testing.assert_allclose(pressed[late], (calf + forces["force_y"])[late], rtol=0.1)
+
+
+@pytest.mark.parametrize("condition", ["rigid", "shifted", "along the bone", "yielding at both ends"])
+def test_a_straight_cord_pulls_with_the_slope_of_its_energy(leg: Model, suit: Suit, condition: str) -> None:
+    state, length = stride_of(leg), np.array([0.316])
+    direction = "bone" if condition == "along the bone" else "cord"
+    suit = replace(suit, migration_direction=direction)
+    cuff = CuffParameters("shank", "arm", 8520.0, 0.0, 0.012 if condition in ("shifted", "along the bone") else 0.0)
+    other = replace(cuff, name="heel", site="waist", stiffness=5000.0, migration=0.0)
+    cuffs = (other, cuff) if condition == "yielding at both ends" else (None, cuff)
+    options = {"is_shifted": condition in ("shifted", "along the bone"), "yields": condition == "yielding at both ends"}
+    springs = [suit.stiffness, 5000.0, 8520.0] if options["yields"] else [suit.stiffness]
+    series = 1.0 / sum(1.0 / spring for spring in springs)
+
+    def pulled(moved: Postures) -> tuple[np.ndarray, np.ndarray]:
+        found = suit_forces(suit, cord_line(suit, leg, moved, 0.01), length, cuffs, **options)
+        wrenches = np.zeros((len(moved.coordinates), len(leg.bodies), 6))
+        for place, point in enumerate((suit.waist, suit.arm, suit.shoulder)):
+            wrenches[:, leg.body_index(point.body)] += wrench_about_origin(
+                found.points[0, :, place], found.forces[0, :, place]
+            )
+        np.testing.assert_allclose(wrenches.sum(axis=1), 0.0, atol=1e-9)
+        return np.einsum("fbi,fbij->fj", wrenches, jacobians(leg, moved)), found.tension[0] ** 2 / (2 * series)
+
+    force, _ = pulled(state)
+    assert np.abs(force).max() > 2.0
+    step = 1e-6
+    for coordinate in range(len(leg.coordinates)):
+        ends = []
+        for sign in (1.0, -1.0):
+            q = state.coordinates.copy()
+            q[:, coordinate] += sign * step
+            ends.append(pulled(postures(leg, q, np.zeros_like(q)))[1])
+        np.testing.assert_allclose(force[:, coordinate], -(ends[0] - ends[1]) / (2 * step), atol=1e-4)
+
+
+def stride_of(leg: Model) -> Postures:
+    motion = decimate(differentiate(read_motion(LEG / "stride.mot", leg), None), 10)
+    return postures(leg, motion.positions, np.zeros_like(motion.positions))
 
 
 def test_a_suit_file_is_written_and_read_the_same(suit: Suit, tmp_path: Path) -> None:
