@@ -1,7 +1,6 @@
 """Scaling at random factors against OpenSim: models and their forces; set-ups that we write, run by OpenSim."""
 
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -34,7 +33,7 @@ from solver.time_series_table import read_table
 from tests.refusals import raises_refusal
 from tests.solver.inverse_kinematics.marked import random_postures, seen_from
 from tests.solver.oracle.test_actuators import ADDED
-from tests.solver.oracle.test_force_elements import FORCES
+from tests.solver.oracle.test_force_elements import COORDINATE_FORCES, FORCES
 from tests.solver.oracle.test_joints import coupler
 from tests.solver.oracle.two_bodies import (
     force_parts,
@@ -281,9 +280,21 @@ ALONG_PATHS = (
     "Blankevoort's ligament of 0.4 m",
     "formula along a path, clamped: True",
 )
+BUSHINGS = "bushing", "bushing of functions", "bushing of expressions"
+
+
+def at_coordinate(kind: str, coordinate: str) -> Callable[[Any], Any]:
+    return lambda model: model.addForce(given(COORDINATE_FORCES[kind](coordinate)))
+
+
 SCALED: dict[str, list[Callable[[Any], Any]]] = {
+    "coordinates": [
+        at_coordinate("spring", "first_coord_0"),
+        at_coordinate("formula", "first_coord_1"),
+        at_coordinate("limit of an angle", "second_coord_0"),
+    ],
     "along paths": [FORCES[kind] for kind in ALONG_PATHS],
-    "bushing": [FORCES["bushing"]],
+    "bushings": [FORCES[kind] for kind in BUSHINGS],
     "spring between points": [FORCES["spring between points"]],
     "formula between points": [FORCES["formula between points"]],
     "constant force": [FORCES["constant force, global axes, local point, body"]],
@@ -295,7 +306,7 @@ SCALED: dict[str, list[Callable[[Any], Any]]] = {
 
 @pytest.mark.parametrize("kind", SCALED)
 def test_forces_are_scaled_as_by_opensim(kind: str, tmp_path: Path) -> None:
-    model = model_with(opensim.UniversalJoint)
+    model = model_with(opensim.PlanarJoint if kind == "coordinates" else opensim.UniversalJoint)
     for add in SCALED[kind]:
         add(model)
     for index, force in enumerate(model.getForceSet()):
@@ -307,6 +318,15 @@ def test_forces_are_scaled_as_by_opensim(kind: str, tmp_path: Path) -> None:
     ours = scale_model(before, Scaling(FACTORS, scales_joined_points=False))
     theirs = scaled_by_opensim(tmp_path, FACTORS, None, False)
     assert_same(force_parts(ours), force_parts(theirs), rtol=1e-12)
-    is_scaled = kind in ("along paths", "bushing", "actuators")  # OpenSim leaves points and contacts where they were
-    with pytest.raises(AssertionError) if is_scaled else nullcontext():
+    if kind == "along paths":
+        pairs = zip(ours.forces, before.forces, strict=True)
+        changes = [abs(one.resting_length / other.resting_length - 1.0) for one, other in pairs]
+        assert len(changes) == len(ALONG_PATHS) and min(changes) > 0.01
+    elif kind == "bushings":
+        assert len(ours.forces) == len(BUSHINGS)
+        for one, other in zip(ours.forces, before.forces, strict=True):
+            assert not np.allclose(one.frame_1.translation, other.frame_1.translation)
+    elif kind == "actuators":
+        assert not np.allclose(ours.actuators[0].path.points[1].location, before.actuators[0].path.points[1].location)
+    else:  # OpenSim leaves points and contacts where they were
         assert_same(force_parts(ours), force_parts(before), rtol=1e-2)
