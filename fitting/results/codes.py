@@ -329,20 +329,20 @@ class NoteCode(Code, prefix="note."):
     NO_SHIFT = "note.assessed_without_migration", "migration is not identified: assessed as if the cuff did not migrate"
 
 
-_LOADS_MISSING = (
+_WITHOUT_LOADS = (
     Verdict.FEW_LOADS,
     Verdict.ONLY_ROSE,
     Verdict.STIFFNESS_UNCERTAIN,
     Verdict.STIFFNESS_NOT_CONVERGED,
     Verdict.NOT_UNLOADED,
 )
-_SWING_MISSING = (Verdict.NO_DYNAMIC, Verdict.DAMPING_UNCERTAIN, Verdict.DAMPING_NOT_CONVERGED)
+_WITHOUT_SWING = (Verdict.NO_DYNAMIC, Verdict.DAMPING_UNCERTAIN, Verdict.DAMPING_NOT_CONVERGED)
 EXPLAINED_BY: Mapping[StrEnum, tuple[Verdict, ...]] = {
-    NoteCode.STOPPED_LOADING: _LOADS_MISSING,
-    NoteCode.HIDDEN_LOADS: _LOADS_MISSING,
+    NoteCode.STOPPED_LOADING: _WITHOUT_LOADS,
+    NoteCode.HIDDEN_LOADS: _WITHOUT_LOADS,
     NoteCode.STOPPED_UNLOADING: (Verdict.ONLY_ROSE, Verdict.NOT_UNLOADED),
-    NoteCode.STOPPED_SWINGING: _SWING_MISSING,
-    NoteCode.SWING_CUT: _SWING_MISSING,
+    NoteCode.STOPPED_SWINGING: _WITHOUT_SWING,
+    NoteCode.SWING_CUT: _WITHOUT_SWING,
 }
 """Note on loads or a swing that are missing → verdicts that follow."""
 

@@ -449,12 +449,7 @@ _FORCE_ELEMENTS = (
     ForceClass(
         "PointToPointSpring",
         PointToPointSpring,
-        two_bodies_part(
-            ("socket_body1", "socket_body2"),
-            ("body_1", "body_2"),
-            socket_body,
-            lambda model, body: body_path(model.bodies, body),
-        ),
+        two_bodies_part(("socket_body1", "socket_body2"), ("body_1", "body_2"), socket_body, _path_of_body),
         *_POINTS,
         number_part("stiffness", "1"),
         number_part("rest_length", "0"),

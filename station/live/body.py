@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from documents.message import Message, because
+from documents.message import Figures, Message, because
 from fitting.cuffs.cuffs_file import CUFFS_FILE
 from fitting.cuffs.wearable_cuff import Cuff
 from fitting.errors import FitError
@@ -177,7 +177,7 @@ def _generic(
     """The body without the wearer's measurements, and the cause; a model of the configuration has none."""
     model, names, _ = with_marker_set(generic, declared.marker_set if declared else "")
     markers = tuple(marker for marker in model.markers if marker.name in names)
-    finding = cause and Message(LiveCode.GENERIC_BODY, {"model": model.name, **because(cause)})
+    finding = cause and Message(LiveCode.GENERIC_BODY, {"model": model.name, **_reason(cause)})
     return LiveBody(
         model=model,
         tasks=TrackingTasks(markers, np.ones(len(markers))),
@@ -188,6 +188,14 @@ def _generic(
         is_scaled=finding is None,
         findings=(finding,) if finding else (),
     )
+
+
+def _reason(cause: Exception | Message[LiveCode]) -> Figures:
+    """The cause, with the file that an error of the system is about."""
+    figures = because(cause)
+    if isinstance(cause, OSError) and cause.filename is not None:
+        return {**figures, "reason": f"{cause.filename}: {figures['reason']}"}
+    return figures
 
 
 def _declared(folder: Path) -> Subject | None:

@@ -45,15 +45,15 @@ from station.report.wearer_section import motion_drawing
 from station.session.guide import Cue, guide_for
 from station.session.judgement import MISSING, Judgement, Reason, Row, TrialQuantity, notes_at_the_bench
 
-SWING_MISSING: Mapping[Code, ReasonCode] = {
-    NoteCode.STOPPED_SWINGING: ReasonCode.SWING_SHORT,
-    NoteCode.SWING_CUT: ReasonCode.SWING_CUT,
-}
 NO_RESULT = {"static": ReasonCode.NO_STATIC_RESULT, "dynamic": ReasonCode.NO_DYNAMIC_RESULT}
 LOADS_MISSING: Mapping[Code, ReasonCode] = {
     NoteCode.STOPPED_LOADING: ReasonCode.WEIGHTS_MISSING,
     NoteCode.HIDDEN_LOADS: ReasonCode.LOADS_HIDDEN,
     NoteCode.STOPPED_UNLOADING: ReasonCode.UNLOADING_MISSING,
+}
+SWINGING_ENDED: Mapping[Code, ReasonCode] = {
+    NoteCode.STOPPED_SWINGING: ReasonCode.SWING_SHORT,
+    NoteCode.SWING_CUT: ReasonCode.SWING_CUT,
 }
 GENERAL = (*NO_RESULT.values(), ReasonCode.UNUSABLE)
 """Reasons that state a consequence where the trial ended before its last step."""
@@ -140,8 +140,8 @@ def _led_by_cause(judgement: Judgement, recorded: Recorded, path: Path) -> Judge
 def _as_reason(note: Note) -> Reason:
     """The reason to redo the trial that the fit found to have ended early."""
     figures = note.figures
-    if note.code in SWING_MISSING:
-        return Message(SWING_MISSING[note.code], {name: figures[name] for name in ("found_s", "planned_s")})
+    if note.code in SWINGING_ENDED:
+        return Message(SWINGING_ENDED[note.code], {name: figures[name] for name in ("found_s", "planned_s")})
     return Message(LOADS_MISSING[note.code], {"found": figures["count"], "planned": figures["total"]})
 
 

@@ -23,7 +23,7 @@ from station.messages.session_messages import CommandCode
 from station.session.open_session import CommandRefused
 from station.session.trial_runner import LiveTrial
 from station.standard_input import POLL_INTERVAL_S, READ_SIZE, read_lines
-from station.terminal.events import CommandAnswered, Event, PlanListed
+from station.terminal.events import CommandAnswered, PlanListed, SessionEvent
 
 LONGEST_QUOTE = 40
 _TRIAL = re.compile(r"#(\d{1,4})(?:\s+|$)")
@@ -117,7 +117,7 @@ Request = Command | UnknownCommand | None
 class SessionOutput(Protocol):
     """Shows a session. Must return at once."""
 
-    def show_event(self, event: Event) -> None: ...
+    def show_event(self, event: SessionEvent) -> None: ...
 
     def show_trial(self, live: LiveTrial | None) -> None:
         """The running trial, several times a second; None while none runs."""

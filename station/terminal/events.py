@@ -29,14 +29,14 @@ STATUS_INTERVAL_S = 1.0
 
 
 @dataclass(frozen=True)
-class Event:
-    """What happened; event is its kind for programs."""
+class SessionEvent:
+    """An event of a session; event is its kind for programs."""
 
     event: ClassVar[str]
 
 
 @dataclass(frozen=True)
-class SessionOpened(Event):
+class SessionOpened(SessionEvent):
     """Of all trials of the plan, done are accepted and skipped are not recorded."""
 
     event: ClassVar[str] = "session_opened"
@@ -50,7 +50,7 @@ class SessionOpened(Event):
 
 
 @dataclass(frozen=True)
-class NextTrial(Event):
+class NextTrial(SessionEvent):
     """number counts from 1 in the plan; order is the preparation at the bench; minutes_left is of the session."""
 
     event: ClassVar[str] = "next_trial"
@@ -66,7 +66,7 @@ class NextTrial(Event):
 
 
 @dataclass(frozen=True)
-class StateChanged(Event):
+class StateChanged(SessionEvent):
     """state as in the recorder: idle (opening the devices), armed, recording, closing, closed, failed.
 
     problems: reasons why a trial that is being recorded will not be accepted; "" if there are none.
@@ -80,7 +80,7 @@ class StateChanged(Event):
 
 
 @dataclass(frozen=True)
-class CueChanged(Event):
+class CueChanged(SessionEvent):
     """The instruction to the operator; step of steps are done."""
 
     event: ClassVar[str] = "cue"
@@ -92,7 +92,7 @@ class CueChanged(Event):
 
 
 @dataclass(frozen=True)
-class Status(Event):
+class Status(SessionEvent):
     """Once a second while a trial runs."""
 
     event: ClassVar[str] = "status"
@@ -108,7 +108,7 @@ class Status(Event):
 
 
 @dataclass(frozen=True)
-class WarningRaised(Event):
+class WarningRaised(SessionEvent):
     """A problem; the session continues.
 
     alarm            the force exceeded a limit: unload the rope
@@ -130,7 +130,7 @@ class WarningRaised(Event):
 
 
 @dataclass(frozen=True)
-class TrialEnded(Event):
+class TrialEnded(SessionEvent):
     event: ClassVar[str] = "trial_ended"
     file: str
     accepted: bool
@@ -140,7 +140,7 @@ class TrialEnded(Event):
 
 
 @dataclass(frozen=True)
-class VerdictGiven(Event):
+class VerdictGiven(SessionEvent):
     """The figures of one recording with their 95 % intervals, and the advice that follows from the reasons.
 
     doubts: results of the donning that are not identified; grade is good, doubtful or bad.
@@ -177,7 +177,7 @@ class VerdictGiven(Event):
 
 
 @dataclass(frozen=True)
-class Decided(Event):
+class Decided(SessionEvent):
     """by: station if there is no reason to redo the recording; operator here, or elsewhere."""
 
     event: ClassVar[str] = "decided"
@@ -189,7 +189,7 @@ class Decided(Event):
 
 
 @dataclass(frozen=True)
-class TrialSkipped(Event):
+class TrialSkipped(SessionEvent):
     event: ClassVar[str] = "skipped"
     cuff: str | None
     test: str
@@ -207,7 +207,7 @@ class PlannedTrial:
 
 
 @dataclass(frozen=True)
-class PlanListed(Event):
+class PlanListed(SessionEvent):
     """Every trial of the plan, in its order."""
 
     event: ClassVar[str] = "plan"
@@ -223,7 +223,7 @@ class PlanListed(Event):
 
 
 @dataclass(frozen=True)
-class Waiting(Event):
+class Waiting(SessionEvent):
     """The session waits for one of these commands."""
 
     event: ClassVar[str] = "waiting"
@@ -233,7 +233,7 @@ class Waiting(Event):
 
 
 @dataclass(frozen=True)
-class CommandAnswered(Event):
+class CommandAnswered(SessionEvent):
     """Answer to a command: its effect, or the reason of the refusal with its code."""
 
     event: ClassVar[str] = "answer"
@@ -243,13 +243,13 @@ class CommandAnswered(Event):
 
 
 @dataclass(frozen=True)
-class SummaryStarted(Event):
+class SummaryStarted(SessionEvent):
     event: ClassVar[str] = "summing_up"
     sentence: str
 
 
 @dataclass(frozen=True)
-class SummaryProgressed(Event):
+class SummaryProgressed(SessionEvent):
     """A stage of the summary has begun, of so many steps."""
 
     event: ClassVar[str] = "summing_up_stage"
@@ -258,7 +258,7 @@ class SummaryProgressed(Event):
 
 
 @dataclass(frozen=True)
-class SummaryFinished(Event):
+class SummaryFinished(SessionEvent):
     """cuffs: one row per cuff, heading → text; findings of the assessment in sentences."""
 
     event: ClassVar[str] = "summed_up"
@@ -268,7 +268,7 @@ class SummaryFinished(Event):
 
 
 @dataclass(frozen=True)
-class SessionClosed(Event):
+class SessionClosed(SessionEvent):
     event: ClassVar[str] = "session_closed"
     trials: int
     done: int
@@ -280,7 +280,7 @@ class SessionClosed(Event):
 class TrialMonitor:
     """Events of one trial. A cue is an event when its code or step changes; its figures change continuously."""
 
-    def __init__(self, show_event: Callable[[Event], None]) -> None:
+    def __init__(self, show_event: Callable[[SessionEvent], None]) -> None:
         self._show_event = show_event
         self._state: tuple[str, tuple[str, ...]] = ("", ())
         self._cue: tuple[int, CueCode] | None = None

@@ -47,7 +47,7 @@ from station.terminal.commands import (
     listen_to_lines,
     listening_to_keys,
 )
-from station.terminal.events import Event
+from station.terminal.events import SessionEvent
 from station.terminal.sequencer import SessionSequencer
 
 SIMULATOR = (DeviceIdentity("station simulate", "", is_simulated=True),)
@@ -206,7 +206,7 @@ class TextOutput:
         self._typed = text
         self._draw()
 
-    def show_event(self, event: Event) -> None:
+    def show_event(self, event: SessionEvent) -> None:
         match event:
             case events.SessionOpened():
                 self._print_opening(event)
@@ -231,7 +231,7 @@ class TextOutput:
             case _:
                 self._print_session_event(event)
 
-    def _print_session_event(self, event: Event) -> None:
+    def _print_session_event(self, event: SessionEvent) -> None:
         match event:
             case events.Decided():
                 self._print_decision(event)
@@ -383,7 +383,7 @@ class JsonOutput:
     def __init__(self, out: TextIO) -> None:
         self._out = out
 
-    def show_event(self, event: Event) -> None:
+    def show_event(self, event: SessionEvent) -> None:
         line = json.dumps({"event": event.event, **finite_or_none(asdict(event))}, ensure_ascii=False, allow_nan=False)
         with suppress(OSError, ValueError):  # the reader has ended; the session continues and its journal has it
             print(line, file=self._out, flush=True)

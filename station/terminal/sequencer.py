@@ -24,10 +24,10 @@ from station.session.trial_runner import LiveTrial, TrialProcess
 from station.terminal.commands import Action, Command, CommandQueue, Request, SessionOutput
 from station.terminal.events import (
     Decided,
-    Event,
     NextTrial,
     PlanListed,
     SessionClosed,
+    SessionEvent,
     SessionOpened,
     SummaryFinished,
     SummaryProgressed,
@@ -77,7 +77,7 @@ class SessionSequencer:
         self._attempts = 0  # to arm, since the last trial that began
         self._recorded: set[str] = set()  # files of trials that were recorded here
         self._last_decision = LastDecision(controller)
-        self._shown: list[Event] = []  # events that are not repeated
+        self._shown: list[SessionEvent] = []  # events that are not repeated
 
     async def run(self) -> None:
         """Return when the plan is complete and reported, or the operator ends. Raises JournalError."""
@@ -109,7 +109,7 @@ class SessionSequencer:
         assert plan is not None  # noqa: S101  (the controller has opened a session)
         return plan
 
-    def _show_once(self, event: Event) -> None:
+    def _show_once(self, event: SessionEvent) -> None:
         """Show an event unless it was shown since the last trial."""
         if event not in self._shown:
             self._shown.append(event)

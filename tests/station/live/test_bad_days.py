@@ -1,6 +1,9 @@
 """What goes wrong on a bad day has a code that the views show, and never ends the stream."""
 
+import errno
+import os
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,9 +12,11 @@ from numpy.typing import NDArray
 from recordings.samples import Samples
 from recordings.topics import MARKERS
 from solver.stream.stream_frame import StreamOutcome, StreamSuitOutcome
+from station.live.body import live_body
 from station.live.engine import DROP_LATENCY_S
 from station.live.pipeline import CycleEffort, PreparedTrial
 from station.messages.live_messages import LiveCode
+from station.subject.subject_file import SUBJECT_FILE
 from tests.station.live.trials import engine_of, generic_plan, outcomes, part_of, solve, without_glenoid
 from tests.station.wearer import WearerSession
 
@@ -113,6 +118,20 @@ def test_the_generic_body_is_named_where_the_session_has_none(plan: PreparedTria
     (finding,) = (one for one in plan.plan.body.findings if one.code is LiveCode.GENERIC_BODY)
     assert finding.figures["reason_code"] == LiveCode.NO_SUBJECT
     assert not kept.setup.subject.is_scaled and kept.setup.subject.name == "thoracoscapular"
+
+
+def test_a_file_that_keeps_the_body_of_the_wearer_from_being_read_is_named(
+    wearer: WearerSession, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "pose.mcap"
+
+    def fail(*_: object) -> None:
+        raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(path))
+
+    (tmp_path / SUBJECT_FILE).write_text("mass_kg = 80.0\n")
+    monkeypatch.setattr("station.live.body.read_wearer_trials", fail)
+    (finding,) = live_body(tmp_path, wearer.config.live, 0).findings
+    assert str(path) in finding.figures["reason"]
 
 
 def _is_frame(block: Samples) -> bool:

@@ -25,7 +25,7 @@ from station.fit import fit_session_folder
 from station.journal import Recorded, write_recorded, write_verdict
 from station.messages.bench_messages import TrialCode
 from station.messages.session_messages import ReasonCode
-from station.session.fitted_judgement import LOADS_MISSING, SWING_MISSING, judge_recording
+from station.session.fitted_judgement import LOADS_MISSING, SWINGING_ENDED, judge_recording
 from station.session.judgement import Judgement, judgement_without_fit, notes_at_the_bench
 from tests.station.foreign import static_and_dynamic
 
@@ -158,7 +158,7 @@ def test_an_earlier_trial_that_ended_early_leads_the_doubts_of_a_later_one(
 
 
 def test_every_early_end_of_a_trial_has_a_reason_to_redo_it() -> None:
-    assert {*LOADS_MISSING, *SWING_MISSING} == set(EXPLAINED_BY)
+    assert {*LOADS_MISSING, *SWINGING_ENDED} == set(EXPLAINED_BY)
 
 
 def test_only_a_checked_recording_without_a_problem_is_good(session: Path, refit: Callable[..., None]) -> None:

@@ -18,7 +18,7 @@ from station.journal import Setup
 from station.session.controller import SessionController
 from station.session.trial_runner import LiveTrial
 from station.terminal.commands import Request, parse_command
-from station.terminal.events import Event
+from station.terminal.events import SessionEvent
 from station.terminal.sequencer import SessionSequencer
 from tests.station.child_process import end_process
 from tests.station.console.served import write_config
@@ -27,8 +27,8 @@ from tests.timeout import scaled_timeout
 SETUP = Setup("P01", "ab", ("hand",), 1, has_bounce=False, number="monday")
 PATIENCE_S = 200.0
 
-Kind = TypeVar("Kind", bound=Event)
-Answer = Callable[[Event], str | None]
+Kind = TypeVar("Kind", bound=SessionEvent)
+Answer = Callable[[SessionEvent], str | None]
 """The operator's command after an event, as a line; None: no command; "": the input ends."""
 
 
@@ -50,10 +50,10 @@ class ScriptedOutput:
     """Keeps every event; the answers to it are commands."""
 
     def __init__(self, requests: asyncio.Queue[Request], answer: Answer) -> None:
-        self.events: list[Event] = []
+        self.events: list[SessionEvent] = []
         self._requests, self._answer = requests, answer
 
-    def show_event(self, event: Event) -> None:
+    def show_event(self, event: SessionEvent) -> None:
         self.events.append(event)
         line = self._answer(event)
         if line is not None:

@@ -25,7 +25,15 @@ from station.messages.bench_messages import CueCode, RefusalCode
 from station.messages.session_messages import CommandCode
 from station.session.controller import SessionController
 from station.terminal import run
-from station.terminal.events import CueChanged, Event, NextTrial, TrialSkipped, VerdictGiven, Waiting, WarningRaised
+from station.terminal.events import (
+    CueChanged,
+    NextTrial,
+    SessionEvent,
+    TrialSkipped,
+    VerdictGiven,
+    Waiting,
+    WarningRaised,
+)
 from tests.station.child_process import STOP, press
 from tests.station.command import Ran, assert_refused
 from tests.station.console.served import write_config
@@ -341,7 +349,7 @@ def test_the_pose_is_skipped_and_the_motion_recorded_judged_and_kept(tmp_path: P
     config, folder = wearer_practice(), tmp_path / "simulated" / "session"
     commands = iter(("skip", "arm"))
 
-    def answer(event: Event) -> str | None:
+    def answer(event: SessionEvent) -> str | None:
         return next(commands) if isinstance(event, Waiting) else None
 
     with SimulatedBench(practice_settings(config), None, 3) as bench:

@@ -25,7 +25,7 @@ from station.terminal.sequencer import SessionSequencer
 from tests.station.console.served import write_config
 from tests.station.terminal.practice import SETUP, Answer, ScriptedOutput, lead, remote_bench
 
-Told = Callable[[events.Event], bool]
+Told = Callable[[events.SessionEvent], bool]
 Rule = tuple[Told, str | Callable[[], object]]
 
 
@@ -50,7 +50,7 @@ def answers(*rules: Rule) -> Answer:
     """
     waiting = list(rules)
 
-    def answer(event: events.Event) -> str | None:
+    def answer(event: events.SessionEvent) -> str | None:
         if isinstance(event, events.SummaryStarted):
             return "end"
         if isinstance(event, events.Waiting) and event.what == "start":
@@ -123,7 +123,7 @@ def test_a_recording_with_reasons_to_redo_waits_for_a_decision_here_or_elsewhere
     def judge() -> None:
         write_verdict(folder, read_journal(folder).recorded[0].file, "redo", "stopped by mistake")
 
-    def waits(event: events.Event) -> bool:
+    def waits(event: events.SessionEvent) -> bool:
         return isinstance(event, events.Waiting) and event.what == "decision"
 
     with remote_bench(tmp_path / "bench") as (bench, config):
@@ -169,7 +169,7 @@ def test_the_plan_is_reordered_and_any_trial_skipped_or_redone_by_its_number(tmp
         write_verdict(folder, f"{test}.mcap", "accept", "")
     commands = iter(["next #4", "skip #3", "redo #2 the rope was caught", "trials", "next #1", "redo #9 it slipped"])
 
-    def answer(event: events.Event) -> str | None:
+    def answer(event: events.SessionEvent) -> str | None:
         if isinstance(event, events.CommandAnswered | events.Waiting | events.PlanListed):
             return next(commands, "end")
         return None
@@ -250,7 +250,7 @@ def test_a_missed_edge_is_reported_and_the_trial_is_armed_again(tmp_path: Path) 
             clock.__enter__()
             held.set()
 
-        def is_armed_again(event: events.Event) -> bool:
+        def is_armed_again(event: events.SessionEvent) -> bool:
             return held.is_set() and isinstance(event, events.StateChanged) and event.state == "armed"
 
         def start() -> None:
