@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from documents.results import EqualByFields
 from fitting.errors import UnusableTrial
-from fitting.pull.common_clock import require_common_steps, require_steady_cell
+from fitting.pull.consistency import require_common_steps, require_own_labels, require_steady_cell
 from fitting.pull.cuff_motion import (
     OCCLUSION_LIMIT,
     OCCLUSION_NOTE,
@@ -30,7 +30,6 @@ from fitting.pull.cuff_motion import (
     pull_direction,
     reference_posture,
 )
-from fitting.pull.exchanged_labels import require_own_labels
 from fitting.pull.plateaus import MIN_TOLERANCE, UNLOADED, Plateau, check_steps, find_plateaus
 from fitting.results.sentences import Note
 from fitting.results.trial_codes import RejectionCode, TrialNoteCode

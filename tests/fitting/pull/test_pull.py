@@ -8,7 +8,7 @@ import pytest
 from scipy import stats
 
 from fitting.errors import UnusableTrial
-from fitting.pull.common_clock import require_common_steps, require_steady_cell
+from fitting.pull.consistency import require_common_steps, require_steady_cell
 from fitting.pull.plateaus import Plateau, check_steps, find_plateaus, find_steps, load_scale
 from fitting.pull.pull import make_pulls
 from fitting.results.trial_codes import RejectionCode, TrialNoteCode

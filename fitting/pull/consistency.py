@@ -1,4 +1,4 @@
-"""Consistency of force and displacement of a pull: a common clock, and a load cell without drift."""
+"""Consistency of the force and markers of a pull: labels, a common clock, and a load cell without drift."""
 
 from __future__ import annotations
 
@@ -6,8 +6,11 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from documents.message import Figures
 from fitting.errors import UnusableTrial
+from fitting.pull.cuff_motion import QUALITY_FRAME_STEP, fit_pose, is_seen
 from fitting.results.trial_codes import RejectionCode
+from fitting.trial.trial import Trial
 
 BIN, SIDE = 0.05, 0.5
 """Step of the grid, and duration before and after an instant over which means are compared [s]."""
@@ -21,6 +24,35 @@ CLEAR_MOTION = 10.0
 """Least total motion of a cuff that moves steadily, in standard deviations of its motion within a second."""
 LEAST_MOTION = 1e-12
 """Lower limit of the sum of squared motions [m²], against division by zero."""
+LEAST_BENDING = 1e-3
+"""Metres rms of the anchor as labelled, above what noise of markers and skin cause."""
+LARGEST_RATIO = 0.2
+"""Of the anchor's rms with two labels exchanged, to that as labelled."""
+
+
+def require_own_labels(trial: Trial) -> None:
+    """Raise UnusableTrial if the anchor is rigid only with one of its labels and one of the cuff's exchanged in every
+    frame, so that no frame shows their right order.
+
+    As labelled, the anchor then bends under the load. If the labels were right, it would not be rigid with two of them
+    exchanged: the cuff moves against the anchor by more than a loose marker or skin.
+    """
+    site, labels = trial.cuff, (*trial.cuff.anchor_markers, *trial.cuff.cuff_markers)
+    points = trial.positions(labels)[::QUALITY_FRAME_STEP]
+    points, count = points[is_seen(points).all(axis=1)], len(site.anchor_markers)
+    bent = _bending(points[:, :count]) if len(points) else 0.0
+    if not LEAST_BENDING <= bent < np.inf:  # an anchor that defines no frame is refused by reference_posture
+        return
+    exchanged = {}
+    for own in range(count):
+        for other in range(count, len(labels)):
+            order = list(range(count))
+            order[own] = other
+            exchanged[labels[own], labels[other]] = _bending(points[:, order])
+    (own_label, other_label), rms = min(exchanged.items(), key=lambda item: item[1])
+    if rms < LARGEST_RATIO * bent:
+        figures: Figures = {"anchor": own_label, "cuff": other_label, "rms_m": bent, "exchanged_m": rms}
+        raise UnusableTrial(RejectionCode.LABELS_EXCHANGED, figures)
 
 
 def require_common_steps(
@@ -96,3 +128,9 @@ def _correlation(force: NDArray[np.float64], displacement: NDArray[np.float64], 
     """(2 reach + 1,) correlation of force (n,) with displacement (n,), which lags by −reach to reach samples."""
     scale = float(np.linalg.norm(force) * np.linalg.norm(displacement))
     return np.correlate(np.pad(displacement, reach), force, "valid") / scale if scale > 0 else np.zeros(2 * reach + 1)
+
+
+def _bending(points: NDArray[np.float64]) -> float:
+    """Root mean square distance [m] of markers (frames, markers, 3) from a rigid body; inf if they define no frame."""
+    residual = fit_pose(points[0], points).residual
+    return float(np.sqrt(np.nanmean(residual**2))) if np.isfinite(residual).any() else np.inf
