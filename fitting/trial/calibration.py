@@ -120,13 +120,13 @@ MOST_SPIKES = 0.02
 
 
 def find_spikes(force: NDArray[np.float64], rate_hz: float) -> NDArray[np.float64]:
-    """Height (n,) [N] of the spikes in force (n,) [N] above or below the samples around; 0 for the other samples.
+    """Height (n,) [N] of the spikes in finite force (n,) [N] above or below the samples around; 0 for the others.
 
     A spike lasts for one or two samples; its cause is a loose contact or interference.
 
     Raises UnusableTrial if they are more than MOST_SPIKES of the samples.
     """
-    if len(force) < SPIKE_NEIGHBOURS or rate_hz < SPIKE_RATE_HZ or not np.isfinite(force).all():
+    if len(force) < SPIKE_NEIGHBOURS or rate_hz < SPIKE_RATE_HZ:
         return np.zeros(len(force))
     padded = np.pad(force, SPIKE_NEIGHBOURS // 2, mode="reflect")  # mode="edge" would hide a spike in an end sample
     median = np.median(sliding_window_view(padded, SPIKE_NEIGHBOURS), axis=1)

@@ -181,7 +181,7 @@ def _capture_end(
     """End of the mocap capture [s], from streams that start with it; files from elsewhere may be of any length."""
     if sync_fall is not None or not manifest.begins_at_edge:
         return sync_fall
-    return float(max([marker_time[-1], *force_time[-1:]]))
+    return float(np.concatenate((marker_time, force_time)).max())
 
 
 @dataclass(frozen=True)

@@ -5,16 +5,28 @@ from functools import cache
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 from scipy import stats
 
 from fitting.results.trial_codes import RejectionCode, TrialNoteCode
 from fitting.trial.bounce import BounceFit, BounceTrial, calibrate, fit_bounce
-from fitting.trial.calibration import Calibration, GainMistake, code_width, find_mistake, full_scale, level_bias
+from fitting.trial.calibration import (
+    Calibration,
+    GainMistake,
+    code_width,
+    find_mistake,
+    find_spikes,
+    full_scale,
+    level_bias,
+    require_sound_force,
+)
+from fitting.trial.timeline import build_timeline
 from fitting.trial.trial import build_bounce
 from fitting.uncertainty import normal_estimate
 from recordings.manifest import LoadCell, Timing
 from tests.fitting.bouncing import Bounce, recorded
-from tests.refusals import raises_refusal
+from tests.fitting.experiment import Session, published
+from tests.refusals import figures_by_code, raises_refusal
 
 CODE = 20 / 4096
 COUNT = 30
@@ -111,6 +123,88 @@ def test_the_bias_covers_what_a_converter_does_to_levels_and_not_much_more() -> 
         found = np.sqrt(np.mean((read.mean(axis=1) - levels) ** 2))
         said = np.mean([level_bias(1.0, float(np.std(row))) for row in read])
         assert 0.9 * found < said < 2.5 * found
+
+
+@pytest.mark.parametrize(
+    ("values", "limit", "code", "figures"),
+    [
+        ([0.0, np.nan, np.inf], 10.0, "NOT_FINITE", {"count": 2, "total": 3}),
+        ([0.0, 9.9, -9.9, 10.0, 11.0], 10.0, "SATURATED", {"count": 4, "total": 5, "limit": 10.0, "unit": "N"}),
+        ([0.5, 0.5], np.inf, "CONSTANT", {"value": 0.5, "total": 2}),
+        ([0.5], np.inf, "CONSTANT", {"value": 0.5, "total": 1}),
+        ([0.0, 9.9, 9.9, 9.9], 10.0, None, None),
+        ([0.0, 9.89, 9.89, 9.89, 9.89], 10.0, None, None),
+        ([], 10.0, None, None),
+    ],
+)
+def test_force_that_cannot_be_right_is_refused_with_its_count(
+    values: list[float], limit: float, code: str | None, figures: dict[str, object] | None
+) -> None:
+    if code is None:
+        require_sound_force(np.array(values), limit, "N")
+        return
+    with raises_refusal(RejectionCode[f"FORCE_{code}"], **(figures or {})):
+        require_sound_force(np.array(values), limit, "N")
+
+
+@pytest.mark.parametrize(("samples", "count"), [(1, 12), (2, 24), (4, 0), (50, None)])
+def test_spikes_of_the_force_are_left_out_and_counted(samples: int, count: int | None) -> None:
+    """A load lasts for longer than two samples; many spikes are refused."""
+    manifest, tracks = Session(published("hand"), 1).static()
+    clean, force, starts = build_timeline(manifest, tracks, manifest.cuff.labels), tracks["/force"], np.arange(5, 53, 4)
+    volts, cell = force.values.copy(), manifest.load_cell
+    spikes = (1000 * starts[:, None] + (np.arange(samples) if samples < 50 else 4 * np.arange(samples * 4))).ravel()
+    volts[spikes] += 500.0 / cell.newtons_per_unit
+    spiked = {**tracks, "/force": replace(force, values=volts)}
+    if count is None:
+        with raises_refusal(RejectionCode.FORCE_SPIKES, count=len(spikes), total=len(volts)):
+            build_timeline(manifest, spiked, manifest.cuff.labels)
+        return
+    timeline = build_timeline(manifest, spiked, manifest.cuff.labels)
+    assert len(clean.force) - len(timeline.force) == count and timeline.force_gaps == ()
+    found = figures_by_code(timeline.notes).get(TrialNoteCode.FORCE_SPIKES, {"count": 0})
+    assert found["count"] == count
+    if count:
+        assert found["total"] == len(clean.force) and np.max(timeline.force) == np.max(clean.force)
+        assert found["most_n"] == pytest.approx(500.0, abs=5.0)
+        limited = replace(manifest, load_cell=replace(cell, capacity_kg=30.0))
+        with raises_refusal(RejectionCode.FORCE_SATURATED, count=count):
+            build_timeline(limited, spiked, manifest.cuff.labels)
+
+
+@pytest.mark.parametrize("sample", [0, 1, 700, -1])
+def test_a_spike_has_its_height_above_the_samples_around_also_at_an_end(sample: int) -> None:
+    force = np.repeat([0.0, 150.0], 500)
+    spiked = force.copy()
+    spiked[sample] += 100.0
+    np.testing.assert_array_equal(find_spikes(spiked, 1000.0), spiked - force)
+
+
+def _spikes(force: NDArray[np.float64], *heights: float, rate_hz: float = 40.0) -> int:
+    """Count of spikes if every fortieth sample from 41 on is that high."""
+    spiked = force.copy()
+    spiked[41 : 41 + 40 * len(heights) : 40] = heights
+    return int(np.count_nonzero(find_spikes(spiked, rate_hz)))
+
+
+def test_a_spike_is_above_5_n_ten_distances_of_the_noise_and_half_of_the_range() -> None:
+    still, noise = np.zeros(300), np.tile([0.0, -1.0, 1.0], 100)  # of which two of three are 1 N from their median
+    steps, few = np.repeat([20.0, 120.0], 150), np.concatenate((np.zeros(994), np.full(6, -100.0)))
+    assert (_spikes(still, 5.0), _spikes(still, 5.0625), _spikes(still, -5.0625)) == (0, 1, 1)
+    assert (_spikes(noise, 10.0), _spikes(noise, 10.0625)) == (0, 1)
+    assert (_spikes(steps, 70.0), _spikes(steps, 70.0625)) == (0, 1)
+    assert (_spikes(few, 50.0), _spikes(-few, -50.0), _spikes(few, 50.0625)) == (0, 0, 1), "0.6 % of the samples"
+
+
+def test_more_than_two_percent_of_spikes_and_samples_too_few_or_too_slow_to_show_one() -> None:
+    still = np.zeros(200)
+    assert _spikes(still, 9.0, 9.0, 9.0, 9.0) == 4
+    with raises_refusal(RejectionCode.FORCE_SPIKES, count=5, total=200, most_n=9.0):
+        find_spikes(np.where(np.isin(np.arange(200), [20, 60, 100, 140, 180]), 9.0, 0.0), 1000.0)
+    with raises_refusal(RejectionCode.FORCE_SPIKES, count=1, total=5, most_n=9.0):
+        find_spikes(np.array([0.0, 0.0, 9.0, 0.0, 0.0]), 40.0)
+    assert _spikes(still, 9.0, rate_hz=39.9) == 0
+    np.testing.assert_array_equal(find_spikes(np.array([0.0, 0.0, 9.0, 0.0]), 40.0), np.zeros(4))
 
 
 def _trial(truth: Bounce, seed: int = 1, run: int = 1) -> BounceTrial:

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from fitting.cuffs.cuffs_file import sync_entry
 from fitting.results.trial_codes import RejectionCode, TrialNoteCode
-from fitting.trial.calibration import find_spikes, require_sound_force
 from fitting.trial.decimation import Decimator, decimate, highest_rate
 from fitting.trial.timeline import (
     Timeline,
@@ -231,6 +230,8 @@ def test_part_of_the_error_of_an_undeclared_stop_edge_is_common_and_without_one_
     assert timeline.lag.edge == pytest.approx(np.sqrt(max(0.0, own)), abs=1e-9)
     timeline = build(captured(**{"/sync": sync(6000, 2000, 6000)}), EDGE)
     assert timeline.capture_end == pytest.approx(4.0, abs=2e-3)
+    shorter = captured(**{"/sync": sync(4000, 2000, 4000), "/force": force(np.arange(4000))})
+    assert build(shorter, EDGE).capture_end == pytest.approx(2.99, abs=2e-3)
     assert timeline.sync_fall is None and not timeline.clock.has_both_edges
     assert (timeline.lag.edge, timeline.lag.drift) == (pytest.approx(1e-3 / np.sqrt(12)), 50e-6)
     assert figures_by_code(timeline.notes).keys() == {TrialNoteCode.SYNC_NO_STOP}
@@ -253,7 +254,7 @@ def test_the_fall_of_the_line_is_on_the_clock_of_the_frames() -> None:
     """The DAQ counts 3.001 s in the 3 s of the frames."""
     timeline = build(captured(**{"/sync": sync(6000, 2000, 5001)}), EDGE)
     assert timeline.clock.ratio == pytest.approx(1 + 1 / 3000, abs=5e-5)
-    assert timeline.sync_fall == pytest.approx(3.0, abs=1e-4)
+    assert timeline.sync_fall == timeline.capture_end == pytest.approx(3.0, abs=1e-4)
 
 
 @pytest.mark.parametrize(
@@ -486,61 +487,6 @@ def test_damage_is_its_first_note_and_a_count_of_the_others() -> None:
         {"damage": "a", "more": 1},
         {"damage": "a", "more": 2},
     ]
-
-
-@pytest.mark.parametrize(
-    ("values", "limit", "code", "figures"),
-    [
-        ([0.0, np.nan, np.inf], 10.0, "NOT_FINITE", {"count": 2, "total": 3}),
-        ([0.0, 9.9, -9.9, 10.0, 11.0], 10.0, "SATURATED", {"count": 4, "total": 5, "limit": 10.0, "unit": "N"}),
-        ([0.5, 0.5], np.inf, "CONSTANT", {"value": 0.5, "total": 2}),
-        ([0.5], np.inf, "CONSTANT", {"value": 0.5, "total": 1}),
-        ([0.0, 9.9, 9.9, 9.9], 10.0, None, None),
-        ([0.0, 9.89, 9.89, 9.89, 9.89], 10.0, None, None),
-        ([], 10.0, None, None),
-    ],
-)
-def test_force_that_cannot_be_right_is_refused_with_its_count(
-    values: list[float], limit: float, code: str | None, figures: dict[str, object] | None
-) -> None:
-    if code is None:
-        require_sound_force(np.array(values), limit, "N")
-        return
-    with raises_refusal(RejectionCode[f"FORCE_{code}"], **(figures or {})):
-        require_sound_force(np.array(values), limit, "N")
-
-
-@pytest.mark.parametrize(("samples", "count"), [(1, 12), (2, 24), (4, 0), (50, None)])
-def test_spikes_of_the_force_are_left_out_and_counted(samples: int, count: int | None) -> None:
-    """A load lasts for longer than two samples; many spikes are refused."""
-    manifest, tracks = Session(published("hand"), 1).static()
-    clean, force, starts = build_timeline(manifest, tracks, manifest.cuff.labels), tracks["/force"], np.arange(5, 53, 4)
-    volts, cell = force.values.copy(), manifest.load_cell
-    spikes = (1000 * starts[:, None] + (np.arange(samples) if samples < 50 else 4 * np.arange(samples * 4))).ravel()
-    volts[spikes] += 500.0 / cell.newtons_per_unit
-    spiked = {**tracks, "/force": replace(force, values=volts)}
-    if count is None:
-        with raises_refusal(RejectionCode.FORCE_SPIKES, count=len(spikes), total=len(volts)):
-            build_timeline(manifest, spiked, manifest.cuff.labels)
-        return
-    timeline = build_timeline(manifest, spiked, manifest.cuff.labels)
-    assert len(clean.force) - len(timeline.force) == count and timeline.force_gaps == ()
-    found = figures_by_code(timeline.notes).get(TrialNoteCode.FORCE_SPIKES, {"count": 0})
-    assert found["count"] == count
-    if count:
-        assert found["total"] == len(clean.force) and np.max(timeline.force) == np.max(clean.force)
-        assert found["most_n"] == pytest.approx(500.0, abs=5.0)
-        limited = replace(manifest, load_cell=replace(cell, capacity_kg=30.0))
-        with raises_refusal(RejectionCode.FORCE_SATURATED, count=count):
-            build_timeline(limited, spiked, manifest.cuff.labels)
-
-
-@pytest.mark.parametrize("sample", [0, 1, 700, -1])
-def test_a_spike_has_its_height_above_the_samples_around_also_at_an_end(sample: int) -> None:
-    force = np.repeat([0.0, 150.0], 500)
-    spiked = force.copy()
-    spiked[sample] += 100.0
-    np.testing.assert_array_equal(find_spikes(spiked, 1000.0), spiked - force)
 
 
 def test_losses_of_both_streams_are_counted_summed_and_the_longest_named() -> None:

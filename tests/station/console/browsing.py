@@ -13,7 +13,7 @@ from playwright.sync_api import Browser, Error, Page, expect, sync_playwright
 
 from tests.timeout import scaled_timeout
 
-CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
+CHROMIUM = shutil.which("chromium-headless-shell") or shutil.which("chromium") or shutil.which("chromium-browser")
 PATIENCE_S = 120.0
 CHECKS = 5
 AXE = Path.home() / ".cache" / "cuffstation" / "axe" / "node_modules" / "axe-core" / "axe.min.js"
