@@ -171,10 +171,10 @@ def maximise(
 def _newton_step(here: Curvature, free: NDArray[np.bool_]) -> Array:
     """Newton's step, or that of Fisher scoring where the observed information is not positive definite."""
     score, chosen = -here.gradient[free] / 2, np.ix_(free, free)
-    try:
-        return scipy.linalg.cho_solve(scipy.linalg.cho_factor(here.observed[chosen]), score)
-    except scipy.linalg.LinAlgError:
-        return scipy.linalg.lstsq(here.information[chosen], score)[0]
+    if not score.size:
+        return score
+    _, step, failed = lapack.dposv(here.observed[chosen], score)
+    return scipy.linalg.lstsq(here.information[chosen], score)[0] if failed else step
 
 
 def _descend(contrasts: ErrorContrasts, theta: Array, here: Curvature, step: Array) -> tuple[Array, Curvature] | None:
