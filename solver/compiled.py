@@ -27,6 +27,7 @@ from numba.core.compiler import CompileResult
 from numba.core.dispatcher import Dispatcher
 from numba.core.types import unliteral
 
+from solver import linked
 from solver.linked import KernelCompiler, LinkedCompiler, PrivateKernelCompiler
 
 Function = TypeVar("Function", bound=Callable[..., object])
@@ -86,8 +87,11 @@ def keeps_code() -> bool:
 
 
 def ship_kernel(kernel: Any, folder: Path) -> None:
-    """Write a kernel that this process has compiled into the folder of a wheel."""
-    ship(kernel, _digest(kernel.py_func), folder)
+    """Copy a kernel that this process has compiled, or loaded from its cache, into the folder of a wheel."""
+    folder.mkdir(exist_ok=True)
+    for signature, result in kernel.overloads.items():
+        key = (signature, result.codegen.magic_tuple(), _digest(kernel.py_func))
+        _file(folder, kernel.py_func).save(key, kernel._cache.read(signature, result.codegen))
 
 
 def _kernel(function: Function, compiler: type) -> Function:
@@ -159,6 +163,13 @@ class _CodeCache(_Cache):  # type: ignore[misc]
 
     def _index_key(self, signature: Any, codegen: Any) -> tuple[object, ...]:
         return (*super()._index_key(signature, codegen), _digest(self._py_func))
+
+    def read(self, signature: Any, codegen: Any) -> Any:
+        """The machine code that is kept of this source and processor. Raises FileNotFoundError where there is none."""
+        kept = self._cache_file.load(self._index_key(signature, codegen))
+        if kept is None:
+            raise FileNotFoundError(f"{self.cache_path} has no machine code of {_title(self._py_func)}")
+        return kept
 
     def _load_overload(self, signature: Any, target: Any) -> Any:
         found = self._cached(signature, target)
@@ -235,7 +246,13 @@ def _title(function: Any) -> str:
 
 
 def _digest(function: Any) -> str:
-    return sha256(repr(list(_parts(function, set()))).encode()).hexdigest()
+    return sha256(repr([_compiler_digest(), *_parts(function, set())]).encode()).hexdigest()
+
+
+@cache
+def _compiler_digest() -> str:
+    """Of how kernels are compiled: a wheel must not ship what an earlier compiler has left in the cache."""
+    return sha256(b"".join(Path(file).read_bytes() for file in (__file__, linked.__file__))).hexdigest()
 
 
 def _parts(function: Any, seen: set[object]) -> Iterator[object]:
@@ -279,13 +296,6 @@ def load_shipped(function: Callable[..., object], digest: str, signature: Any, t
         return None
     found = _file(FOLDER, function).load((signature, (triple, processor, ""), digest))
     return None if found is None else _Result._rebuild(target, *found)
-
-
-def ship(kernel: Any, digest: str, folder: Path) -> None:
-    """Write the machine code of a kernel that this process has compiled into a folder."""
-    folder.mkdir(exist_ok=True)
-    for signature, result in kernel.overloads.items():
-        _file(folder, kernel.py_func).save((signature, result.codegen.magic_tuple(), digest), result._reduce())
 
 
 def find_processor(architecture: str, features: frozenset[str]) -> str | None:

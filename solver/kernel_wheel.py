@@ -25,16 +25,19 @@ LEFT_OUT = (".*", "__pycache__", "*.egg-info", "tests", "benchmarks", "docs", "e
 
 
 def build(output: Path) -> None:
-    """Copy the source, compile its kernels in the copy, and build the wheel from it."""
+    """Copy the source, add the machine code of its kernels to the copy, and build the wheel from it.
+
+    Kernels that were compiled for the processor of the wheel before, from the same source, are not compiled again.
+    """
     from solver.compiled import TARGETS
 
     with tempfile.TemporaryDirectory() as name:
-        source, kept = Path(name) / "source", Path(name) / "cache"
+        source = Path(name) / "source"
         shutil.copytree(ROOT, source, ignore=shutil.ignore_patterns(*LEFT_OUT))
         processor, _ = TARGETS[platform.machine().lower().replace("amd64", "x86_64")]
-        target = {"NUMBA_CPU_NAME": processor, "NUMBA_CPU_FEATURES": "", "NUMBA_CACHE_DIR": str(kept)}
+        target = {"NUMBA_CPU_NAME": processor, "NUMBA_CPU_FEATURES": "", "PYTHONPATH": str(ROOT)}
         run = (sys.executable, "-m", "solver.kernel_wheel", "--compile", str(source / "solver" / "kernels"))
-        subprocess.run(run, cwd=source, env={**os.environ, **target, "PYTHONPATH": str(source)}, check=True)  # noqa: S603
+        subprocess.run(run, cwd=ROOT, env={**os.environ, **target}, check=True)  # noqa: S603
         tags = {
             "--python-tag": f"cp{sys.version_info.major}{sys.version_info.minor}",
             "--plat-name": sysconfig.get_platform().replace("-", "_").replace(".", "_"),
@@ -45,7 +48,7 @@ def build(output: Path) -> None:
 
 
 def compile_kernels(folder: Path) -> None:
-    """Compile all kernels, and write their machine code into the folder."""
+    """Compile all kernels, or load those that are compiled, and write their machine code into the folder."""
     from solver.compiled import ship_kernel
 
     compile_ahead(print_count)

@@ -44,11 +44,17 @@ def shipped(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The source of a kernel, and its machine code from another process in kernels/."""
     folder = tmp_path_factory.mktemp("shipped")
     (folder / f"{MODULE}.py").write_text(KERNEL, encoding="utf-8")
-    target = {"NUMBA_CPU_NAME": PROCESSOR, "NUMBA_CPU_FEATURES": "", "NUMBA_CACHE_DIR": str(folder / "cache")}
-    paths = os.pathsep.join([str(folder), str(Path(compiled.__file__).parents[1])])
-    command = [sys.executable, "-c", SHIP, str(folder / "kernels")]
-    subprocess.run(command, env={**os.environ, **target, "PYTHONPATH": paths}, check=True)  # noqa: S603
+    assert "compiling" in _ship(folder, folder / "kernels")
     return folder
+
+
+def _ship(source: Path, kernels: Path) -> str:
+    """What a process says that ships the kernel of a source, which is not compiled again if the cache has it."""
+    target = {"NUMBA_CPU_NAME": PROCESSOR, "NUMBA_CPU_FEATURES": "", "NUMBA_CACHE_DIR": str(source / "cache")}
+    paths = os.pathsep.join([str(source), str(Path(compiled.__file__).parents[1])])
+    environment = {**os.environ, **target, "PYTHONPATH": paths}
+    command = [sys.executable, "-c", SHIP, str(kernels)]
+    return subprocess.run(command, env=environment, capture_output=True, text=True, check=True).stderr  # noqa: S603
 
 
 @pytest.fixture
@@ -77,7 +83,7 @@ def test_a_shipped_kernel_is_loaded_and_no_file_is_written(
     assert not [path for path in (tmp_path / "cache").rglob("*") if path.is_file()]
 
 
-@pytest.mark.parametrize("difference", ["numba", "processor", "source", "types", "damage"])
+@pytest.mark.parametrize("difference", ["numba", "processor", "source", "compiler", "types", "damage"])
 def test_a_kernel_that_does_not_fit_is_compiled(
     module: ModuleType, difference: str, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
@@ -89,6 +95,8 @@ def test_a_kernel_that_does_not_fit_is_compiled(
     elif difference == "source":
         monkeypatch.setattr(module, "FACTOR", 5.0)
         expected = 15.0
+    elif difference == "compiler":
+        monkeypatch.setattr(compiled, "_compiler_digest", lambda: "another")
     elif difference == "types":
         argument = 3
     else:
@@ -96,6 +104,19 @@ def test_a_kernel_that_does_not_fit_is_compiled(
             file.write_bytes(file.read_bytes()[:-100])
     assert module.kernel(argument) == expected
     assert any("compiling" in record.getMessage() for record in caplog.records)
+
+
+@has_instructions
+def test_what_is_compiled_is_shipped_and_of_a_source_that_has_changed_the_new_code_is(
+    shipped: Path, module: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    assert "compiling" not in _ship(shipped, tmp_path / "same")
+    (shipped / f"{MODULE}.py").write_text(KERNEL.replace("2.0", "12.0"), encoding="utf-8")
+    assert "compiling" in _ship(shipped, tmp_path / "changed")
+    monkeypatch.setattr(compiled, "FOLDER", tmp_path / "changed")
+    monkeypatch.setattr(module, "FACTOR", 12.0)
+    assert module.kernel(3.0) == 36.0
+    assert not caplog.records
 
 
 @pytest.mark.parametrize(
