@@ -38,7 +38,7 @@ def resolve(target: str, project: Path = ROOT / "pyproject.toml") -> Resolution:
     """The set for one platform, in uv's name for it: of everything that README's set-up line installs."""
     compiled = [sys.executable, "-m", "uv", "pip", "compile", str(project), "--python-platform", target]
     command = [*compiled, *OPTIONS.split()]
-    ran = subprocess.run(command, capture_output=True, text=True, check=False, env=_environment())  # noqa: S603
+    ran = subprocess.run(command, capture_output=True, text=True, check=False, env=environment())  # noqa: S603
     if ran.returncode == 0:
         return Resolution(sum("==" in line for line in ran.stdout.splitlines()), False, "")
     return refused(ran.stderr)
@@ -48,6 +48,12 @@ def refused(message: str) -> Resolution:
     """Resolution of a refusal by uv."""
     why = " ".join(message.split()) or "uv ended without a message"
     return Resolution(0, any(sign in why.lower() for sign in UNREACHABLE), why)
+
+
+def environment() -> dict[str, str]:
+    """Environment with pip's index and certificates for uv."""
+    given = {"UV_DEFAULT_INDEX": _pip_setting("index-url"), "SSL_CERT_FILE": _pip_setting("cert")}
+    return {**{name: value for name, value in given.items() if value}, **os.environ}
 
 
 def main() -> int:
@@ -61,12 +67,6 @@ def main() -> int:
         print(f"{platform:16}{state}")
         is_good = is_good and (found.count > 0 or platform in UNSUPPORTED)
     return 0 if is_good else 1
-
-
-def _environment() -> dict[str, str]:
-    """Environment with pip's index and certificates for uv."""
-    given = {"UV_DEFAULT_INDEX": _pip_setting("index-url"), "SSL_CERT_FILE": _pip_setting("cert")}
-    return {**{name: value for name, value in given.items() if value}, **os.environ}
 
 
 def _pip_setting(name: str) -> str:
