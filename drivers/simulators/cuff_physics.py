@@ -12,10 +12,14 @@ Along the pull, with X the cuff, B the place on the body where it was donned (la
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numba import njit
+from numba.core.caching import FunctionCache
+from numba.core.runtime.nrt import rtsys
 from numpy.typing import NDArray
 
 from drivers.simulators.settings import CuffTruth, SlipLaw
@@ -95,7 +99,27 @@ class CuffMechanics:
         return MechanicalState(*vector.tolist()), trajectory
 
 
-@njit(cache=True, nogil=True)
+_Cache: Any = FunctionCache  # without types
+_initialize_memory: Any = rtsys.initialize
+
+
+class _KernelCache(_Cache):  # type: ignore[misc]
+    """numba's cache, which loads code without first importing all that numba can compile: 0.5 s of processor."""
+
+    def load_overload(self, signature: Any, target: Any) -> Any:
+        _initialize_memory(target)  # for arrays: all that loaded code needs
+        with self._guard_against_spurious_io_errors():
+            return self._load_overload(signature, target)
+
+
+def _cached(function: Callable[..., None]) -> Any:
+    """The function as machine code, which is kept on disk."""
+    kernel: Any = njit(nogil=True)(function)
+    kernel._cache = _KernelCache(function)
+    return kernel
+
+
+@_cached
 def _run(vector, law, is_driven, drive, trajectory):  # type: ignore[no-untyped-def]
     slope = np.empty((4, 5))
     stage = np.empty(5)
@@ -116,7 +140,7 @@ def _run(vector, law, is_driven, drive, trajectory):  # type: ignore[no-untyped-
         trajectory[step, 2] = _tension(vector, law, vector[3])
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _slope(vector, law, is_driven, drive, out):  # type: ignore[no-untyped-def]
     k, c, mass, first, growth, viscosity = law[0], law[1], law[2], law[3], law[4], law[5]
     x, v, slip, far_speed = vector[0], vector[1], vector[2], vector[4]
@@ -134,6 +158,6 @@ def _slope(vector, law, is_driven, drive, out):  # type: ignore[no-untyped-def]
     out[4] = 0.0 if is_driven else g - tension / drive[2]
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _tension(vector, law, far):  # type: ignore[no-untyped-def]
     return max(0.0, law[6] * (far - vector[0]) + law[7] * (vector[4] - vector[1]))

@@ -80,12 +80,14 @@ class Camera:
 
     def frames_before(self, until: float) -> Frames | None:
         """The frames exposed since the last call and before the world time `until`; None without any."""
+        first = self._exposed
+        self.skip_before(until)
+        return self._frames(np.arange(first, self._exposed)) if self._exposed > first else None
+
+    def skip_before(self, until: float) -> None:
+        """Expose the same frames without computing them, as no client takes them."""
         due = math.ceil((until - self._first_exposure) * self._rate - ROUNDING_FRAMES)
-        if due <= self._exposed:
-            return None
-        index = np.arange(self._exposed, due)
-        self._exposed = due
-        return self._frames(index)
+        self._exposed = max(self._exposed, due)
 
     def latest(self) -> Frames | None:
         """The last exposed frame again."""

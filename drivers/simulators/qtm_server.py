@@ -199,10 +199,14 @@ class _Server:
         self._applied_until = max(self._applied_until, until)
 
     def _send_before(self, until: float) -> None:
-        frames = self._camera.frames_before(until) if self._camera else None
-        if frames is not None:
+        streams = self._streams()
+        if self._camera is None:
+            return
+        if not streams:
+            self._camera.skip_before(until)
+        elif (frames := self._camera.frames_before(until)) is not None:
             packets = self._trouble.packets
-            self._send({stream: packets(frames, stream.component, stream.divisor) for stream in self._streams()})
+            self._send({stream: packets(frames, stream.component, stream.divisor) for stream in streams})
 
     def _streams(self) -> set[FrameSubscription]:
         return {client.stream for client in self.clients if client.stream}
