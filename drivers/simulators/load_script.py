@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.simulators.cuff_physics import STEP_S, CuffMechanics, SpringDamper, slider_from_migration
-from drivers.simulators.markers import Wander, random_wander
+from drivers.simulators.markers import Wander, WanderOnGrid, random_wander
 from drivers.simulators.settings import BounceTest, DynamicTest, Rig, Settings, StaticTest
 from recordings.standard_gravity import g
 
@@ -31,7 +31,7 @@ Floats = NDArray[np.float64]
 
 _KEPT_S = 240.0  # at speed 30 a device may lag by 8 s of wall time
 _SETTLING_S = 2.0  # after a longer time without queries the integration restarts here
-_CHUNK_STEPS = 20_000
+_CHUNK_STEPS = 1000
 PullKind = Literal["static", "dynamic"]
 
 
@@ -41,6 +41,7 @@ class SimulatedPull:
     def __init__(self, settings: Settings, base: Wander, rng: np.random.Generator) -> None:
         self._settings = settings
         self._base = base
+        self._base_on_grid = WanderOnGrid(base, STEP_S / 2, 2 * _CHUNK_STEPS + 1)
         self._rng = rng
         self._trajectory = Trajectory(_KEPT_S)
 
@@ -103,7 +104,7 @@ class SimulatedPull:
         t = half_step.astype(np.float64) * (STEP_S / 2)
         held = self._gates[0].moves if self._gates else math.inf
         far_end = self._script.far_end(np.clip(t - self._script_start, -1.0, held))
-        drive = np.column_stack([self._base.value(t), self._base.rate(t), far_end])
+        drive = np.column_stack([self._base_on_grid.value_and_rate(t[0], t.size), far_end])
         self._state, trajectory = self._mechanics.integrate(self._state, drive)
         self._trajectory.append(trajectory)
 
@@ -321,7 +322,7 @@ class BouncingMass:
 
     def displacement(self, t: Floats) -> Floats:
         """(n,) [m] downward from rest at t (n,)."""
-        return self._motion(t)[0]
+        return self._place(t)
 
     def tension(self, t: Floats) -> Floats:
         """(n,) [N] of the spring on the load cell at t (n,)."""

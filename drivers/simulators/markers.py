@@ -51,7 +51,10 @@ class Wearer:
 
     def rope(self, t: Floats) -> tuple[Floats, Floats]:
         """Position of the unloaded cuff (n, 3) [mm], and unit direction (n, 3) of the rope from there, in ground."""
-        rotation, origin = self.pose(t)
+        return self.rope_at(*self.pose(t))
+
+    def rope_at(self, rotation: Floats, origin: Floats) -> tuple[Floats, Floats]:
+        """The same at a pose of the anchor."""
         place = rotation @ self._cuff_in_anchor + origin
         reach = self._pulley - place
         return place, reach / np.linalg.norm(reach, axis=1, keepdims=True)
@@ -108,7 +111,7 @@ class MarkerCloud:
     def true_points(self, t: Floats, displacement: Floats) -> Floats:
         """(n, labels, 3) [mm] on the wearer and the rope, without noise, none hidden."""
         rotation, origin = self._wearer.pose(t)
-        place, direction = self._wearer.rope(t)
+        place, direction = self._wearer.rope_at(rotation, origin)
         shift = direction * (displacement * 1e3)[:, None]
         on_body = np.einsum("nij,mj->nmi", rotation, self._on_anchor) + origin[:, None]
         on_body[:, self._is_on_cuff] += shift[:, None]
@@ -148,9 +151,13 @@ class Wander:
         angle = np.multiply.outer(t, self.omega)
         return np.sin(angle) @ self.sine + np.cos(angle) @ self.cosine
 
+    def derivative(self) -> Wander:
+        """The wander whose value is the time derivative of this one's, per second."""
+        return Wander(self.omega, -self.cosine * self.omega[:, None], self.sine * self.omega[:, None])
+
     def rate(self, t: Floats) -> Floats:
         """The time derivative of value, (n, axes) per second."""
-        return Wander(self.omega, -self.cosine * self.omega[:, None], self.sine * self.omega[:, None]).value(t)
+        return self.derivative().value(t)
 
     def integral(self, t: Floats) -> Floats:
         """An antiderivative of value, (n, axes)."""
@@ -159,6 +166,25 @@ class Wander:
     def along(self, directions: Floats) -> Wander:
         """The motion projected: directions (axes, m) gives m axes."""
         return Wander(self.omega, self.sine @ directions, self.cosine @ directions)
+
+
+class WanderOnGrid:
+    """A wander at evenly spaced times, without a sine of each: those of a first time are turned by a table's angles."""
+
+    def __init__(self, wander: Wander, step_s: float, most: int) -> None:
+        rate = wander.derivative()
+        self._omega = wander.omega
+        self._sine = np.hstack([wander.sine, rate.sine])
+        self._cosine = np.hstack([wander.cosine, rate.cosine])
+        angle = np.multiply.outer(step_s * np.arange(most), wander.omega)
+        self._sines, self._cosines = np.sin(angle), np.cos(angle)
+
+    def value_and_rate(self, start: float, count: int) -> Floats:
+        """(count, 2 axes) from the time start [s] on: value, and its time derivative per second; count <= most."""
+        sine, cosine = np.sin(start * self._omega)[:, None], np.cos(start * self._omega)[:, None]
+        from_sines = self._sine * cosine - self._cosine * sine
+        from_cosines = self._sine * sine + self._cosine * cosine
+        return np.asarray(self._sines[:count] @ from_sines + self._cosines[:count] @ from_cosines)
 
 
 def random_wander(

@@ -30,34 +30,33 @@ STEP_RAD = 1e-6
 
 
 @dataclass(frozen=True)
-class Screw:
-    """A joint axis in the zero posture: a turn about axis through point, or a slide along axis."""
+class Screws:
+    """Joint axes in the zero posture: turns about axes (m, 3) through points (m, 3), or slides along axes."""
 
-    coordinate: int
-    axis: Floats
-    point: Floats
-    is_turn: bool
+    axes: Floats
+    points: Floats
+    is_turn: NDArray[np.bool_]
 
-    def exponential(self, amount: Floats) -> Floats:
-        """(n, 4, 4), for amounts (n,) [rad or m]."""
-        moved = np.tile(np.eye(4), (len(amount), 1, 1))
-        if not self.is_turn:
-            moved[:, :3, 3] = amount[:, None] * self.axis
-            return moved
-        moved[:, :3, :3] = rotation_matrices(amount[:, None] * self.axis)
-        moved[:, :3, 3] = self.point - moved[:, :3, :3] @ self.point
+    def exponentials(self, amounts: Floats) -> Floats:
+        """(n, m, 4, 4), for amounts (n, m) [rad or m]."""
+        along = amounts[:, :, None] * self.axes
+        moved = np.zeros((*amounts.shape, 4, 4))
+        moved[..., :3, :3] = rotation_matrices(np.where(self.is_turn[:, None], along, 0.0))
+        shifts = self.points - np.einsum("nmij,mj->nmi", moved[..., :3, :3], self.points)
+        moved[..., :3, 3] = np.where(self.is_turn[:, None], shifts, along)
+        moved[..., 3, 3] = 1.0
         return moved
 
 
 @dataclass(frozen=True)
 class _Segment:
-    """A segment's screws, those of the joints before it excluded; home (4, 4) is its pose in the zero posture.
+    """The coordinates of a segment's joint, in order; home (4, 4) is its pose in the zero posture.
 
     joint (4, 4) is its joint's frame there, ellipsoid the semi-axes on which that frame glides by the first two turns.
     """
 
     on: str
-    screws: tuple[Screw, ...]
+    columns: tuple[int, ...]
     home: Floats
     joint: Floats
     ellipsoid: Floats | None
@@ -69,9 +68,8 @@ class Shoulder:
     """
 
     def __init__(self, table: Mapping[str, Any]) -> None:
-        self.coordinate_names: tuple[str, ...] = tuple(
-            name for segment in SEGMENTS for kind in ("slides", "turns") for name, _ in table[segment].get(kind, ())
-        )
+        coordinates = [each for name in SEGMENTS for each in _coordinates(table[name])]
+        self.coordinate_names: tuple[str, ...] = tuple(name for name, _, _ in coordinates)
         self.markers: dict[str, tuple[str, Floats]] = _points(table["markers"])
         self.cord: dict[str, tuple[str, Floats]] = _points(table["cord"])
         joined = table["acromioclavicular"]
@@ -79,19 +77,23 @@ class Shoulder:
         self._segments: dict[str, _Segment] = {}
         for name in SEGMENTS:
             self._segments[name] = self._segment(table[name])
+        joints = np.array([segment.joint for segment in self._segments.values() for _ in segment.columns])
+        axes = _turned(joints[:, :3, :3], np.array([axis for _, axis, _ in coordinates], float))
+        self._screws = Screws(axes, joints[:, :3, 3], np.array([is_turn for _, _, is_turn in coordinates]))
 
     def index(self, name: str) -> int:
         return self.coordinate_names.index(name)
 
     def poses(self, coordinates: Floats) -> dict[str, Floats]:
         """transform_segment_to_ground (n, 4, 4) of every segment."""
+        exponentials = self._screws.exponentials(coordinates)
         moved, poses = {"ground": np.tile(np.eye(4), (len(coordinates), 1, 1))}, {}
         for name, segment in self._segments.items():
             pose = moved[segment.on]
             if segment.ellipsoid is not None:
                 pose = pose @ _gliding(segment, coordinates)
-            for screw in segment.screws:
-                pose = pose @ screw.exponential(coordinates[:, screw.coordinate])
+            for column in segment.columns:
+                pose = pose @ exponentials[:, column]
             moved[name] = pose
             poses[name] = pose @ segment.home
         return poses
@@ -132,14 +134,10 @@ class Shoulder:
         on = row.get("on", "ground")
         parent = self._segments[on].home if on in self._segments else np.eye(4)
         joint = parent @ _frame(row.get("origin_m"), row.get("angles_rad"))
-        screws = tuple(
-            Screw(self.index(name), _unit(joint[:3, :3] @ np.array(axis, float)), joint[:3, 3], kind == "turns")
-            for kind in ("slides", "turns")
-            for name, axis in row.get(kind, ())
-        )
+        columns = tuple(self.index(name) for name, _, _ in _coordinates(row))
         home = joint @ np.linalg.inv(_frame(row.get("own_origin_m"), row.get("own_angles_rad")))
         ellipsoid = np.array(row["ellipsoid_m"]) if "ellipsoid_m" in row else None
-        return _Segment(on, screws, home, joint, ellipsoid)
+        return _Segment(on, columns, home, joint, ellipsoid)
 
 
 @cache
@@ -155,7 +153,7 @@ def published_table() -> dict[str, Any]:
 
 def _gliding(segment: _Segment, coordinates: Floats) -> Floats:
     """(n, 4, 4) slide of the joint's frame to the point of the ellipsoid at longitude a and latitude e."""
-    a, e = (coordinates[:, screw.coordinate] for screw in segment.screws[:2])
+    a, e = (coordinates[:, column] for column in segment.columns[:2])
     normal = np.stack([np.sin(a) * np.cos(e), np.sin(e), np.cos(a) * np.cos(e)], axis=1)
     slide = np.tile(np.eye(4), (len(coordinates), 1, 1))
     slide[:, :3, 3] = (normal * segment.ellipsoid) @ segment.joint[:3, :3].T
@@ -165,6 +163,11 @@ def _gliding(segment: _Segment, coordinates: Floats) -> Floats:
 def _place(poses: Mapping[str, Floats], point: tuple[str, Floats]) -> Floats:
     segment, place = point
     return np.asarray(poses[segment][:, :3, :3] @ place + poses[segment][:, :3, 3])
+
+
+def _coordinates(row: Mapping[str, Any]) -> list[tuple[str, Sequence[float], bool]]:
+    """Name and axis of every coordinate of a joint, in order, and whether it is a turn."""
+    return [(name, axis, kind == "turns") for kind in ("slides", "turns") for name, axis in row.get(kind, ())]
 
 
 def _points(table: Mapping[str, Mapping[str, Sequence[float]]]) -> dict[str, tuple[str, Floats]]:
@@ -179,5 +182,7 @@ def _frame(origin: Sequence[float] | None, angles: Sequence[float] | None) -> Fl
     return frame
 
 
-def _unit(axis: Floats) -> Floats:
-    return np.asarray(axis / np.linalg.norm(axis))
+def _turned(frames: Floats, axes: Floats) -> Floats:
+    """Unit vectors (m, 3) along axes (m, 3) of frames (m, 3, 3)."""
+    turned = np.einsum("mij,mj->mi", frames, axes)
+    return np.asarray(turned / np.linalg.norm(turned, axis=1, keepdims=True))

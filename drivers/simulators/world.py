@@ -111,8 +111,8 @@ class World:
         """(n,) [N] on the load cell at world times t (n,), without noise: rope, bouncing weight, cord or known mass."""
         with self._lock:
             load = self._moved(t)[:, 2]
-            if self._bounce is not None:
-                load = np.where(self._bounce.is_hanging(t), self._bounce.tension(t), load)
+            if self._bounce is not None and (is_hanging := self._bounce.is_hanging(t)).any():
+                load = np.where(is_hanging, self._bounce.tension(t), load)
             if self.person is not None:
                 load = np.where(self.person.has_load_cell(t), self.person.tension(t), load)
             return self._hung.force(t, load)

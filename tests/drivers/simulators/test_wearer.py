@@ -5,7 +5,7 @@ import pytest
 from scipy.linalg import expm
 
 from drivers.simulators.errors import SimulatorCode
-from drivers.simulators.shoulder import SEGMENTS, Screw, published_shoulder
+from drivers.simulators.shoulder import SEGMENTS, Screws, published_shoulder
 from drivers.simulators.wearer import EmgNoise, RaisedPosture
 from drivers.simulators.world import World
 from tests.conftest import SHARED
@@ -137,7 +137,7 @@ def test_the_exponential_of_a_screw_is_that_of_its_matrix() -> None:
         linear = -np.cross(axis, point) if is_turn else axis
         twist = np.array([[0, -z, y, linear[0]], [z, 0, -x, linear[1]], [-y, x, 0, linear[2]], [0, 0, 0, 0]])
         amounts = np.array([-1.2, 0.0, 0.4])
-        found = Screw(0, axis, point, is_turn).exponential(amounts)
+        found = Screws(axis[None], point[None], np.array([is_turn])).exponentials(amounts[:, None])[:, 0]
         np.testing.assert_allclose(found, [expm(amount * twist) for amount in amounts], atol=1e-12)
 
 
