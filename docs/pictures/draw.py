@@ -8,7 +8,6 @@ fit.png, emg.png and report.png need Chromium. The console's pictures are screen
 from __future__ import annotations
 
 import io
-import shutil
 import sys
 import tempfile
 from pathlib import Path
@@ -29,6 +28,7 @@ from station.charts.marks import Chart
 from station.emg.comparison import ConditionFiles, compare_emg
 from station.emg.emg_json import write_emg
 from station.report.fit_figures import fit_figure
+from station.report.page import browser_path
 from station.report.plot import FORCE, LINE, MOTION, SHADES, STYLE
 from station.report.wearer_section import shapes_figure
 
@@ -130,10 +130,6 @@ def _screenshot(chart: Chart, path: Path) -> None:
         drawn = page.screenshot(full_page=True)
         browser.close()
     Image.open(io.BytesIO(drawn)).convert("RGB").quantize(COLOURS).save(path, optimize=True)
-
-
-def browser_path() -> str | None:
-    return shutil.which("chromium") or shutil.which("chromium-browser")
 
 
 def draw_report(session: Path) -> None:

@@ -18,7 +18,8 @@ from pathlib import Path
 from PIL import Image
 from playwright.sync_api import Page, sync_playwright
 
-from docs.pictures.draw import COLOURS, HERE, browser_path
+from docs.pictures.draw import COLOURS, HERE
+from station.report.page import browser_path
 
 STATION = (sys.executable, "-c", "from station.cli import main; main()", "live")
 SHOWN_AFTER_S = 14.0

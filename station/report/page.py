@@ -67,8 +67,8 @@ TRUTH_FILE = "simulated_truth.json"
 MISSING_FILE = "missing.json"
 """Beside them where the report is not complete: a list of sentences, what is missing and why."""
 PDF_FILE = "report.pdf"
-PROGRAMS = ("chromium", "chromium-browser", "google-chrome", "microsoft-edge")
-"""On Linux by name; elsewhere Playwright finds the programs of CHANNELS."""
+PROGRAMS = ("chromium-headless-shell", "chromium", "chromium-browser", "google-chrome", "microsoft-edge")
+"""On Linux by name, the one without windows first: it needs less; elsewhere Playwright finds those of CHANNELS."""
 CHANNELS = ("chrome", "msedge")
 _TRUTH, _MISSING = TypeAdapter(dict[str, TrueCuff]), TypeAdapter(list[str])
 
@@ -331,9 +331,14 @@ def write_pdf(page: Path) -> Path:
     return path
 
 
+def browser_path() -> str | None:
+    """The first of PROGRAMS that is installed; None without one."""
+    return next(filter(None, map(shutil.which, PROGRAMS)), None)
+
+
 def _launch(playwright: Playwright, error: type[Exception]) -> Browser:
     """The first browser that starts: an installed one, then Playwright's own."""
-    found = next(filter(None, map(shutil.which, PROGRAMS)), None)
+    found = browser_path()
     if found is not None:
         return playwright.chromium.launch(executable_path=found)
     reason = ""

@@ -1,7 +1,6 @@
 """A browser that looks at a console's page, for tests that see what an operator sees."""
 
 import re
-import shutil
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
@@ -11,9 +10,10 @@ from typing import Any
 import pytest
 from playwright.sync_api import Browser, Error, Page, expect, sync_playwright
 
+from station.report.page import browser_path
 from tests.timeout import scaled_timeout
 
-CHROMIUM = shutil.which("chromium-headless-shell") or shutil.which("chromium") or shutil.which("chromium-browser")
+CHROMIUM = browser_path()
 PATIENCE_S = 120.0
 CHECKS = 5
 AXE = Path.home() / ".cache" / "cuffstation" / "axe" / "node_modules" / "axe-core" / "axe.min.js"
