@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
-import subprocess
-import sys
 import time
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
@@ -31,32 +28,18 @@ from station.bench.session_folder import SIMULATED_FOLDER
 from station.bench.simulation import SimulatedBench, practice_settings
 from station.bench.trial_recorder import TrialRecorder
 from station.bench.view import Snapshot, TrialState
-from station.config import StationConfig, load_config, parse_config
+from station.config import load_config
 from station.protocol import TrialSpec
 from tests.drivers.tcp_proxy import TcpProxy
 from tests.station.console.served import write_config
-from tests.station.session.benched import Recorder, has_recorded, simulated_bench
+from tests.station.session.benched import Recorder, config_at, has_recorded, simulated_bench
 from tests.timeout import scaled_timeout
 
 SPEED = 12.0
 LOSS_BOUND_S = 0.5
 DAEMONS = 7  # at once: QTM takes ten clients, and one that reconnects counts twice for a moment
-PATIENCE_S = 60.0  # wall; a bound on failing runs, not an expectation
 ARMED_S = 2.5  # world seconds: the pre-roll is complete before the edge
-RECORD = "from station.cli import main; main()"
-CONFIG = """
-[daq]
-grpc_target = "127.0.0.1:{ni}"
-[mocap]
-port = {qtm}
-[sync]
-timeout_s = 600
-[cuffs.hand]
-anchor_markers = ["anchor_1", "anchor_2", "anchor_3", "anchor_4"]
-cuff_markers = ["cuff_1"]
-[simulation.ports]
-clock = {clock}
-"""
+STATIC = TrialSpec("waist", "static", 1)
 
 
 @pytest.mark.slow
@@ -118,8 +101,8 @@ def test_a_trial_continues_without_a_loss_over_twenty_broken_connections(
     bench = simulated_bench(protocol={"static": {"lead_in_s": 1.0, "hold_s": 10.0, "step_masses_kg": [3.0]}})
     with TcpProxy(bench.ports["ni"]) as link, BenchClock(bench.ports["clock"]) as clock:
         breaks = Breaks(link, 20)
-        config = config_for(link.port, bench.ports["qtm"])
-        result = TrialRecorder(config, clock, [breaks]).record(tmp_path, TrialSpec("waist", "static", 1))
+        config = config_at({**bench.ports, "ni": link.port})
+        result = TrialRecorder(config, clock, [breaks]).record(tmp_path, STATIC)
     assert len(breaks.broken_at_s) == 20
     assert result.accepted and result.lost_samples == 0 and result.path is not None, result.sentence
     recording = open_recording(result.path)
@@ -127,13 +110,6 @@ def test_a_trial_continues_without_a_loss_over_twenty_broken_connections(
         assert np.all(np.diff(recording.load(stream).sample_numbers) == 1)
     kinds = [item.kind for item in recording.items() if isinstance(item, Event)]
     assert kinds.count("connection_lost") == kinds.count("connection_restored") == 20
-
-
-def config_for(ni: int, qtm: int) -> StationConfig:
-    cuff = {"anchor_markers": ["anchor_1", "anchor_2", "anchor_3"], "cuff_markers": ["cuff_1"]}
-    return parse_config(
-        {"daq": {"grpc_target": f"127.0.0.1:{ni}"}, "mocap": {"port": qtm}, "cuffs": {"waist": cuff}}, "test"
-    )
 
 
 @pytest.mark.slow
@@ -236,7 +212,7 @@ class KillBench:
         settings = settings_from_dict({"operator": {"capture": "remote"}, "protocol": {"static": {"hold_s": 60.0}}})
         self.world = World(settings)
         self.clock, self.start_utc_ns, self.ports = self.world.clock, time.time_ns(), dict[str, int]()
-        self.world.select_trial("hand", "static")
+        self.world.select_trial("waist", "static")
         self._qtm = QualisysSimulator(self.world)
         # Their crystals run true, so that device time at the kill follows from the world's.
         crystal = DaqClockSettings(offset_ppm=0.0, drift_ppm_per_hour=0.0)
@@ -267,34 +243,31 @@ class KillBench:
         return ["qtm"] * self._qtm.has_pending_reply
 
     def kill(self, instants_s: Sequence[float]) -> list[Killed]:
-        """Starts a daemon for each instant (seconds after the edge), and kills it then."""
+        """Starts a daemon for each instant (seconds after the edge, in order), and kills it then."""
         self._rounds += 1
         folders = [self._folder / f"round-{self._rounds}-daemon-{i}" for i in range(len(instants_s))]
         with ExitStack() as stack:
             daemons = []
             for folder, daq in zip(folders, self._daqs, strict=False):
-                daemon = stack.enter_context(_daemon(folder, daq.port, self._qtm.port, self.ports["clock"]))
-                stack.callback(daemon.kill)
-                _wait_until_armed(daemon, folder)  # seven that start at once would starve each other
+                config = config_at({"ni": daq.port, "qtm": self._qtm.port}, sync={"timeout_s": 600.0})
+                daemon = stack.enter_context(Recorder(config, folder, self.ports["clock"], spec=STATIC))
+                daemon.let_go()
+                daemon.until(is_armed)  # seven that start at once would starve each other
                 daemons.append(daemon)
-            self._wait_until(self.world.now() + ARMED_S)
-            edge_s = self.world.start_capture().start
-            killed = []
-            for instant_s, daemon, folder in sorted(zip(instants_s, daemons, folders, strict=True), key=lambda x: x[0]):
-                self._wait_until(edge_s + instant_s)
-                with self.clock.attach("a kill"):  # the world stands still
-                    daemon.kill()
-                    killed_s = self.world.now() - edge_s
-                killed.append(Killed(next(folder.glob("*.mcap")), killed_s))
+            with self.clock.attach("the kills") as world:
+                world.advance_to(self.world.now() + ARMED_S)
+                edge_s = self.world.start_capture().start
+                killed = []
+                for instant_s, daemon, folder in zip(instants_s, daemons, folders, strict=True):
+                    killed_s = world.advance_to(edge_s + instant_s) - edge_s  # where the world stands still
+                    daemon.child.process.kill()
+                    killed.append(Killed(next(folder.glob("*.mcap")), killed_s))
             self.world.stop_capture()
             return killed
 
-    def _wait_until(self, world_s: float) -> None:
-        give_up_s = time.perf_counter() + scaled_timeout(PATIENCE_S)
-        while self.world.now() < world_s:
-            assert not self.clock.has_ended
-            assert time.perf_counter() < give_up_s, f"the world stands at {self.world.now()} s"
-            time.sleep(0.002)
+
+def is_armed(message: dict[str, Any]) -> bool:
+    return message.get("state") == TrialState.ARMED.value
 
 
 def ensure_contiguous(recording: Recording) -> None:
@@ -325,23 +298,3 @@ def ensure_recovered(path: Path) -> None:
         assert not len(numbers) or f"{stream.name} keeps {len(numbers)} samples, the last is number {numbers[-1]}" in (
             sentences
         )
-
-
-def _daemon(folder: Path, ni: int, qtm: int, clock: int) -> subprocess.Popen[bytes]:
-    folder.mkdir()
-    config = folder / "station.toml"
-    config.write_text(CONFIG.format(ni=ni, qtm=qtm, clock=clock), encoding="utf-8")
-    arguments = ["--config", config, "--session", folder, "--cuff", "hand", "--test", "static", "--repeat", "1"]
-    arguments += ["--speed", "1"]
-    with (folder / "stderr.txt").open("wb") as words:
-        command = [sys.executable, "-c", RECORD, "record", *map(str, arguments)]
-        home = {"HOME": str(folder.parent), "USERPROFILE": str(folder.parent)}  # of all rounds
-        return subprocess.Popen(command, stderr=words, env={**os.environ, **home})  # noqa: S603
-
-
-def _wait_until_armed(daemon: subprocess.Popen[Any], folder: Path) -> None:
-    give_up_s = time.perf_counter() + scaled_timeout(PATIENCE_S)
-    while not any(folder.glob("*.mcap")):
-        assert daemon.poll() is None, (folder / "stderr.txt").read_text(encoding="utf-8")
-        assert time.perf_counter() < give_up_s, "the daemon did not arm"
-        time.sleep(0.02)
