@@ -144,7 +144,7 @@ def test_a_page_that_does_not_draw_receives_no_further_updates(browser: Browser,
     session.send("Debugger.enable")
     session.send("Debugger.pause")
     before, before_other = len(sent), len(drawn_by_other)
-    until(other, lambda: len(drawn_by_other) > before_other + 30)
+    until(other, lambda: len(drawn_by_other) > before_other + 12)
     assert len(sent) - before <= 4, "two on their way, and what was sent while the page was being frozen"
     session.send("Debugger.resume")
     until(other, lambda: len(sent) > before + 8)

@@ -216,7 +216,7 @@ def test_a_rehearsal_by_keyboard_is_readable_on_a_tablet_in_light_and_dark(brows
         seen(page, "End this trial now and skip to the report of the trials so far?")
         page.keyboard.press("n")
         so_far = len(updates)
-        until(page, lambda: len(updates) >= so_far + 10)
+        until(page, lambda: len(updates) >= so_far + 5)
         stop(page)
         seen(page, "stopped by the operator")
         seen(page, "Keep (k)")
