@@ -67,7 +67,8 @@ def write_table(
         counts = f"version=1\nnRows={len(time)}\nnColumns={len(names) + 1}\ninDegrees=no"
         lines = [path.stem, counts, *lines, "endheader"]
     lines.append(separator.join(["time", *names]))
-    lines += [separator.join(f"{value:.10g}" for value in row) for row in np.column_stack([time, values])]
+    row = separator.join(["%.10g"] * (len(names) + 1))
+    lines += [row % tuple(numbers) for numbers in np.column_stack([time, values]).tolist()]
     path.write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 

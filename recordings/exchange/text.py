@@ -58,7 +58,8 @@ def read_lines(path: Path) -> list[str]:
         text = raw.decode("latin-1")
     if not text.strip():
         raise ForeignFile(f"{path} is empty; export it again", RecordingCode.FOREIGN_EMPTY)
-    return _LINE_END.split(text.rstrip("\r\n \x1a"))
+    text = text.rstrip("\r\n \x1a").replace("\r\n", "\n")
+    return _LINE_END.split(text) if "\r" in text else text.split("\n")  # the expression takes six times as long
 
 
 def split_fields(line: str, separator: str) -> list[str]:

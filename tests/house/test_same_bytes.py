@@ -1,10 +1,12 @@
-"""The same seed gives the same samples, figures and report on any machine: idle, busy, or with a single core."""
+"""The same seed gives the same samples, figures and report on any machine: idle, paused, or with a single core."""
 
 import json
 import os
 import re
 import subprocess
 import sys
+import time
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +19,8 @@ from recordings.samples import Event, Loss, Samples
 from tests.house.sources import ROOT
 from tests.timeout import scaled_timeout
 
-LOOPS = 2
+SHARE_S = 0.1
+"""The process runs for so long, then is stopped for so long, as on a core that it shares."""
 PATIENCE_S = 200.0
 # The report names the hour alone where the last recording is of the same day as the first, and in its table of trials.
 DATES = re.compile(r"\d{4}-\d\d-\d\d[T ]\d\d:\d\d(:\d\d)?(\.\d+)?(\+\d\d:\d\d|Z)?|\d\d:\d\d(:\d\d)?(?= UTC|</td>)")
@@ -27,14 +30,41 @@ RESULTS = ("cuffs.json", "assessment.json", "report.json")
 
 
 @pytest.mark.slow
-def test_busy_loops_and_a_single_core_change_nothing(recorded_session: Path, tmp_path: Path) -> None:
-    """The session of tests/house/one_cuff.py, made on all cores, and on one that it shares with busy loops."""
+def test_pauses_and_a_single_core_change_nothing(recorded_session: Path, tmp_path: Path) -> None:
+    """The session of tests/house/one_cuff.py, made on all cores, and on one whose scheduler stops it again and again.
+
+    A process on a busy core is stopped at moments that the program does not choose. Stopping it does the same and takes
+    no processor time.
+    """
     is_pinned = ["--pinned"] if hasattr(os, "sched_setaffinity") else []
     command = [sys.executable, "-m", "tests.house.one_cuff", str(tmp_path), *is_pinned]
-    with busy_loops(LOOPS, PATIENCE_S):
-        subprocess.run(command, check=True, cwd=ROOT, timeout=scaled_timeout(PATIENCE_S))  # noqa: S603
+    with subprocess.Popen(command, cwd=ROOT) as maker:  # noqa: S603
+        pauses = _stop_again_and_again(maker)
+    assert maker.returncode == 0 and pauses > 0
     assert len(list(tmp_path.glob("*.mcap"))) == 6
     assert differences(recorded_session, tmp_path) == []
+
+
+def _stop_again_and_again(maker: subprocess.Popen[bytes]) -> int:
+    """Until it ends, with its children; the number of pauses."""
+    pauses, deadline = 0, time.monotonic() + scaled_timeout(PATIENCE_S)
+    while True:
+        with suppress(subprocess.TimeoutExpired):
+            maker.wait(SHARE_S)
+            return pauses
+        assert time.monotonic() < deadline
+        with suppress(psutil.NoSuchProcess):
+            process = psutil.Process(maker.pid)
+            stopped = [process, *process.children(recursive=True)]
+            for one in stopped:
+                with suppress(psutil.NoSuchProcess):
+                    one.suspend()
+            with suppress(subprocess.TimeoutExpired):
+                maker.wait(SHARE_S)
+            for one in stopped:
+                with suppress(psutil.NoSuchProcess):
+                    one.resume()
+            pauses += 1
 
 
 def differences(one: Path, other: Path) -> list[str]:
