@@ -106,8 +106,8 @@ def _answer(
 
 @njit(cache=True)
 def _move(load, k, c, mass, bend, friction, presliding, k1, t1, k2, t2, limit, hardening, left):  # type: ignore[no-untyped-def]
-    """Semi-implicit Euler in ten sub-steps; starts at rest under the first load, the arms at ease."""
-    h = STEP / 10
+    """Semi-implicit Euler in twenty sub-steps; starts at rest under the first load, the arms at ease."""
+    h = STEP / 20
     z, s, highest = left
     v, q1, q2 = 0.0, 0.0, 0.0
     carried = load[0] - friction * z
@@ -116,8 +116,8 @@ def _move(load, k, c, mass, bend, friction, presliding, k1, t1, k2, t2, limit, h
     for i in range(len(load)):
         places[i] = x
         change = load[min(i + 1, len(load) - 1)] - load[i]
-        for part in range(10):
-            here = load[i] + (part + 0.5) / 10 * change
+        for part in range(20):
+            here = load[i] + (part + 0.5) / 20 * change
             highest = max(highest, here - limit)
             gives = max(0.0, highest / hardening - s) / 0.3
             y = x - s

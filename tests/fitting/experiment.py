@@ -28,7 +28,7 @@ PULL = np.array([0.36, 0.48, 0.80])
 WEIGHTS = (15.0, 30.0, 45.0, 60.0, 75.0)
 ROPE = np.array([[0.18], [0.42]])
 """Metres along the rope from the cuff to the markers on it."""
-STEP = 2.5e-4
+STEP = 5e-4
 """Seconds of the integration."""
 
 
