@@ -179,8 +179,9 @@ class Faults:
         return any(since < one.begin <= now for one in self.of(device, kind))
 
     def of(self, device: str, *kinds: str) -> list[Happening]:
-        """All faults of these kinds with a known time."""
-        return [one for one in self._happenings if one.fault.device == device and one.fault.fault in kinds]
+        """All faults of these kinds, by default of any, with a known time."""
+        known = (one for one in self._happenings if one.fault.device == device)
+        return [one for one in known if not kinds or one.fault.fault in kinds]
 
 
 def _happening(fault: Fault, origin: float) -> Happening:

@@ -74,7 +74,8 @@ class QualisysSimulator:
 
     def step(self, now: float) -> None:
         """Sends every client the frames and events of up to now [world s]."""
-        asyncio.run_coroutine_threadsafe(self._server.step(now), self._server.loop).result()
+        if not self._server.is_idle:  # as it mostly is: another thread's step takes more than half of the processor
+            asyncio.run_coroutine_threadsafe(self._server.step(now), self._server.loop).result()
 
     def sent(self) -> dict[int, int | None]:
         """Bytes sent so far on each connection, by the client's port; None where the connection was closed."""
@@ -151,6 +152,13 @@ class _Server:
             self._listener = None
         for client in self.clients:
             client.close()
+
+    @property
+    def is_idle(self) -> bool:
+        """Whether a step would change nothing: no client, no capture since the last one, and no faults."""
+        capture = self._world.capture
+        is_new = capture is not None and capture.number > self._captures
+        return not (self.clients or self._capture or is_new or self._world.faults.of("qtm"))
 
     async def step(self, now: float) -> None:
         if self.ending.is_set():
@@ -254,6 +262,8 @@ class _Server:
             client.send_text(ERROR, "Connection refused. Max number of clients reached.")
             writer.close()
             return
+        if not self.clients:
+            self._send_until(self._world.now())  # the frames of the idle time, which no client takes
         self.clients.append(client)
         try:
             with suppress(asyncio.IncompleteReadError, ConnectionError):
