@@ -155,10 +155,10 @@ class _Server:
 
     @property
     def is_idle(self) -> bool:
-        """Whether a step would change nothing: no client, no capture since the last one, and no faults."""
-        capture = self._world.capture
-        is_new = capture is not None and capture.number > self._captures
-        return not (self.clients or self._capture or is_new or self._world.faults.of("qtm"))
+        """Whether a step would change nothing: no client, no faults, and no capture since the last one."""
+        if self.clients or self._capture or self._world.faults.of("qtm"):
+            return False
+        return (capture := self._world.capture) is None or capture.number == self._captures
 
     async def step(self, now: float) -> None:
         if self.ending.is_set():
@@ -208,11 +208,9 @@ class _Server:
 
     def _send_before(self, until: float) -> None:
         streams = self._streams()
-        if self._camera is None:
-            return
-        if not streams:
+        if self._camera and not streams:
             self._camera.skip_before(until)
-        elif (frames := self._camera.frames_before(until)) is not None:
+        elif self._camera and (frames := self._camera.frames_before(until)) is not None:
             packets = self._trouble.packets
             self._send({stream: packets(frames, stream.component, stream.divisor) for stream in streams})
 

@@ -68,7 +68,7 @@ class Shoulder:
     """
 
     def __init__(self, table: Mapping[str, Any]) -> None:
-        coordinates = [each for name in SEGMENTS for each in _coordinates(table[name])]
+        coordinates = [coordinate for name in SEGMENTS for coordinate in _coordinates(table[name])]
         self.coordinate_names: tuple[str, ...] = tuple(name for name, _, _ in coordinates)
         self.markers: dict[str, tuple[str, Floats]] = _points(table["markers"])
         self.cord: dict[str, tuple[str, Floats]] = _points(table["cord"])
