@@ -2,8 +2,7 @@
 
 Frame 1 of a capture is exposed mocap.phase_s after the edge of the sync line, and timestamps count from that frame.
 With a preview, frames flow between captures too; their numbers restart with every capture and every preview.
-GetParameters gives the general settings and those of 3D. A discover packet of this machine is answered over UDP with
-the identity and the port of the server, as Qualisys's RT protocol specifies ("Discover response packet").
+GetParameters gives the general settings and those of 3D.
 
 Does not imitate: the ports of other versions and byte orders, UDP and OSC, components other than labelled 3D with and
 without residuals, the settings of other components and most of those two, changing settings but by a fault, triggers,
@@ -15,24 +14,20 @@ from __future__ import annotations
 
 import asyncio
 import re
-import select
-import socket
 import struct
-import sys
 import threading
 from collections import deque
 from collections.abc import Sequence
 from concurrent.futures import Future
 from contextlib import suppress
 from dataclasses import dataclass
-from ipaddress import ip_address
 from xml.sax.saxutils import escape
 
 from drivers.simulators.marker_frames import COMPONENTS, Camera, QtmFaults
 from drivers.simulators.settings import MocapSettings
 from drivers.simulators.world import Capture, World
 
-ERROR, COMMAND, XML, NO_MORE_DATA, EVENT, DISCOVER = 0, 1, 2, 4, 6, 7
+ERROR, COMMAND, XML, NO_MORE_DATA, EVENT = 0, 1, 2, 4, 6
 CONNECTED, CLOSED, CAPTURE_STARTED, CAPTURE_STOPPED, SETTINGS_CHANGED, CAPTURE_SAVED = 1, 2, 3, 4, 11, 13
 PASSING = (SETTINGS_CHANGED, CAPTURE_SAVED)  # events that do not report a state
 VERSIONS = tuple(f"1.{minor}" for minor in range(1, 26))
@@ -42,10 +37,7 @@ LONGEST_COMMAND_BYTES = 65_536
 GLANCE_S = 0.008  # wall
 MASTERS_COMMANDS = ("new", "close", "start", "stop", "save", "event")
 MOST_UNSENT_BYTES = 1_000_000  # a client that is further behind slows the world down
-QTM_VERSION, CAMERAS = "2024.3 (build 17700), simulated", 8
-REQUEST = struct.Struct("<II")  # size and type; the response port follows, big endian
-PORT = struct.Struct(">H")
-LOCAL, EVERYBODY = "127.0.0.1", "255.255.255.255"
+QTM_VERSION = "2024.3 (build 17700), simulated"
 
 
 class QualisysSimulator:
@@ -464,49 +456,3 @@ def parameters_xml(wanted: Sequence[str], mocap: MocapSettings, labels: Sequence
     }
     chosen = "".join(block for name, block in blocks.items() if name in wanted or "all" in wanted)
     return f"<{PARAMETERS}>{chosen}</{PARAMETERS}>" if chosen else None
-
-
-class QtmDiscovery:
-    """Answers in a separate thread; port 0 takes a free one. start() and stop() work once each.
-
-    qtm_port is that of QTM's little-endian server, one above its base port.
-    """
-
-    def __init__(self, qtm_port: int, port: int) -> None:
-        self.port = port
-        info = f"{socket.gethostname()}, QTM {QTM_VERSION}, {CAMERAS} cameras"
-        body = info.encode() + b"\0" + PORT.pack(qtm_port - 1)
-        self._answer = REQUEST.pack(REQUEST.size + len(body), COMMAND) + body
-        self._sockets: list[socket.socket] = []
-        self._thread = threading.Thread(target=self._run, name="QTM discovery", daemon=True)
-        self._is_stopped = threading.Event()
-
-    def start(self) -> None:
-        """Binds and answers; on Windows one socket also receives broadcasts. Raises OSError if the port is taken."""
-        try:
-            for address in (LOCAL,) if sys.platform == "win32" else (LOCAL, EVERYBODY):
-                self._sockets.append(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
-                self._sockets[-1].bind((address, self.port))
-                self.port = self._sockets[-1].getsockname()[1]
-        except OSError:
-            self.stop()
-            raise
-        self._thread.start()
-
-    def stop(self) -> None:
-        self._is_stopped.set()
-        if self._thread.is_alive():
-            self._sockets[0].sendto(b"", (LOCAL, self.port))  # ends the wait for a request
-            self._thread.join(timeout=5.0)
-        for bound in self._sockets:
-            bound.close()
-
-    def _run(self) -> None:
-        head = REQUEST.pack(REQUEST.size + PORT.size, DISCOVER)
-        while not self._is_stopped.is_set():
-            for bound in select.select(self._sockets, [], [], 1.0)[0]:
-                with suppress(OSError):  # the port of an answer is closed already
-                    packet, (host, _) = bound.recvfrom(LONGEST_COMMAND_BYTES)
-                    is_request = packet.startswith(head) and len(packet) == len(head) + PORT.size
-                    if is_request and ip_address(host).is_loopback:
-                        self._sockets[0].sendto(self._answer, (host, PORT.unpack_from(packet, len(head))[0]))

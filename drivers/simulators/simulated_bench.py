@@ -34,7 +34,8 @@ from weakref import WeakSet
 
 from drivers.simulators.errors import SimulatorCode, SimulatorError, refusal
 from drivers.simulators.faults import Fault, fault_from_dict
-from drivers.simulators.qtm_server import QtmDiscovery, QualisysSimulator
+from drivers.simulators.qtm_discovery import QtmDiscovery
+from drivers.simulators.qtm_server import QualisysSimulator
 from drivers.simulators.requests import ServedBench, answer, request_from_json, seconds_from, speed_from
 from drivers.simulators.settings import Settings, settings_from_dict
 from drivers.simulators.world import World

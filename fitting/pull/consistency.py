@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 
 from documents.message import Figures
 from fitting.errors import UnusableTrial
-from fitting.pull.cuff_motion import QUALITY_FRAME_STEP, fit_pose, is_seen
+from fitting.pull.cuff_motion import QUALITY_FRAME_STEP
+from fitting.pull.pose import fit_pose, is_seen
 from fitting.results.trial_codes import RejectionCode
 from fitting.trial.trial import Trial
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from fitting.pull.cuff_motion import MIN_ANCHOR_MARKERS, fit_pose
+from fitting.pull.pose import MIN_ANCHOR_MARKERS, fit_pose
 from recordings.manifest import BounceRig, CuffSite
 
 REFERENCE_FRAMES = 20

@@ -20,7 +20,8 @@ from numpy.typing import NDArray
 
 from documents.message import Figures, Message, because
 from fitting.errors import UnusableTrial
-from fitting.pull.cuff_motion import cuff_motion, fit_pose, pull_direction, reference_posture
+from fitting.pull.cuff_motion import cuff_motion, pull_direction, reference_posture
+from fitting.pull.pose import fit_pose
 from fitting.trial.trial import Trial, read_trial
 from recordings.manifest import DataOrigin
 from solver.time_series_table import write_table

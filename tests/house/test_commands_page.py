@@ -35,8 +35,8 @@ SHORTER = {
     "# swing_s = 20.0": "swing_s = 12.0",
     "1.53, 1.53, 1.53, 1.53, 1.53": "1.53, 1.53, 1.53",
 }
-NEEDS_DEVICES = ("simulate", "check", "record", "live")
 """Lines of station.toml, likewise."""
+NEEDS_DEVICES = ("simulate", "check", "record", "live")
 PLAN = """
 every = 100
 [vary]

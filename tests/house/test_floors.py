@@ -24,7 +24,6 @@ def test_imports_keep_the_contracts() -> None:
 
 
 LONGEST = {
-    "drivers/simulators/qtm_server.py": 512,
     "drivers/qualisys.py": 529,
     "fitting/diagnosis/causes.py": 531,
     "solver/tendons/fiber.py": 524,

@@ -17,7 +17,8 @@ from qtm_rt.packet import QRTComponentType, QRTEvent
 from qtm_rt.protocol import QRTCommandException
 
 from drivers.simulators.faults import fault_from_dict
-from drivers.simulators.qtm_server import MOST_CLIENTS, QtmDiscovery, QualisysSimulator
+from drivers.simulators.qtm_discovery import QtmDiscovery
+from drivers.simulators.qtm_server import MOST_CLIENTS, QualisysSimulator
 from drivers.simulators.settings import settings_from_dict
 from drivers.simulators.simulated_bench import Bench
 from drivers.simulators.world import World

@@ -5,13 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.signal import lfilter
-from scipy.spatial.transform import Rotation
 
 from fitting.pull.cuff_motion import (
     CuffMotion,
     along,
     cuff_motion,
-    fit_pose,
     loose_marker,
     marker_notes,
     marker_quality,
@@ -77,28 +75,6 @@ def _without(trial: Trial, label: str, frames: slice) -> Trial:
     markers = trial.markers.copy()
     markers[frames, trial.labels.index(label)] = np.nan
     return replace(trial, markers=markers)
-
-
-@pytest.mark.parametrize(("thickness", "width"), [(1.0, 1.0), (0.0, 1.0), (0.0, 0.02), (0.3, 0.1), (-1.0, 1.0)])
-def test_a_pose_is_the_rotation_of_least_squares_of_flat_narrow_and_mirrored_clusters(
-    thickness: float, width: float
-) -> None:
-    """SciPy decomposes every matrix. Negative: an exchanged pair of labels, which mirrors the cluster."""
-    random = np.random.default_rng(4)
-    reference = PLACES * [1.0, width, abs(thickness)] / [1.0, 1.0, 0.3]
-    shown = reference[[1, 0, 2, 3, 4]] if thickness < 0 else reference
-    turned = np.array([turn.apply(shown) for turn in Rotation.random(200, random_state=5)])
-    points = turned + 0.5e-3 * random.standard_normal(turned.shape) + random.standard_normal((200, 1, 3))
-    pose = fit_pose(reference, points)
-    there = reference - reference.mean(axis=0)
-    for rotation, residual, each in zip(pose.rotation, pose.residual, points, strict=True):
-        least, _ = Rotation.align_vectors(each - each.mean(axis=0), there)
-        missed = each - each.mean(axis=0) - least.apply(there)
-        if np.linalg.svd(there, compute_uv=False)[1] > 5e-3:
-            np.testing.assert_allclose(rotation, least.as_matrix(), atol=1e-11)
-            assert residual == pytest.approx(np.sqrt(np.mean(np.sum(missed**2, axis=1))), rel=1e-9)
-        else:
-            assert np.isnan(rotation).all() and np.isnan(residual)
 
 
 def test_sway_of_the_body_is_gone() -> None:
