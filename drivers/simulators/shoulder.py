@@ -84,11 +84,12 @@ class Shoulder:
     def index(self, name: str) -> int:
         return self.coordinate_names.index(name)
 
-    def poses(self, coordinates: Floats) -> dict[str, Floats]:
-        """transform_segment_to_ground (n, 4, 4) of every segment."""
+    def poses(self, coordinates: Floats, segments: Sequence[str] = SEGMENTS) -> dict[str, Floats]:
+        """transform_segment_to_ground (n, 4, 4) of segments, the first ones of SEGMENTS."""
         exponentials = self._screws.exponentials(coordinates)
         moved, poses = {"ground": np.tile(np.eye(4), (len(coordinates), 1, 1))}, {}
-        for name, segment in self._segments.items():
+        for name in segments:
+            segment = self._segments[name]
             pose = moved[segment.on]
             if segment.ellipsoid is not None:
                 pose = pose @ _gliding(segment, coordinates)
@@ -105,7 +106,7 @@ class Shoulder:
 
     def gap(self, coordinates: Floats) -> Floats:
         """(n, 3) in ground: from the clavicle's point of the acromioclavicular joint to the scapula's."""
-        poses = self.poses(coordinates)
+        poses = self.poses(coordinates, ("thorax", "clavicle", "scapula"))
         clavicle, scapula = self._joined
         return _place(poses, ("scapula", scapula)) - _place(poses, ("clavicle", clavicle))
 

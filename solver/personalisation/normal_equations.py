@@ -1,29 +1,32 @@
 """Normal equations of a body's parameters with the postures eliminated; estimate.py has the equations.
 
-Derivatives by the coordinates come from the kernel of inverse kinematics. The kernel of inverse kinematics sums over
-markers: it returns Σ_m w_m J_mᵀ (p_m − x_m). With w = 1 on one marker alone and x = p − e_a, that sum is row a of the
-marker's Jacobian, so the kernel serves here without another one.
+Derivatives by the coordinates come from the kernel of inverse kinematics, which differentiates the gap of every point
+constraint: of a marker that is joined to the origin of ground, the gap is the place and its derivatives the Jacobian.
+
+At fixed postures, places and gaps are linear in the scale factors: the rotations of the bodies do not depend on them,
+and each translation between two frames grows with one factor. So the derivative by ln(factor) is the factor times the
+change when the factor of the generic body is doubled.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from solver.inverse_kinematics.linearise import LinearisedFrames
-from solver.inverse_kinematics.solve import TrackingTasks, allocate_workspace, build_problem, linearise_frames
-from solver.model import Array, Model
+from solver.inverse_kinematics.solve import Problem, TrackingTasks, allocate_workspace, build_problem, linearise_frames
+from solver.model import GROUND, Array, Model
 from solver.multibody.postures import postures
 
 Body = Callable[[Array], tuple[Model, TrackingTasks]]
 
-DIFFERENCE = 1e-5  # of ln(factor)
 DAMPING = 1e-9  # of the markers' weights, m²/rad²; holds what no marker sees
 REGULARISATION = 1e-13  # of rows of the constraints that depend on each other
+NO_TASKS = TrackingTasks((), np.zeros(0))
 
 
 class Share(NamedTuple):
@@ -63,16 +66,14 @@ def normal_equations(
     share = np.sqrt(frame_weights)[:, None]
     reduced, pulled = share[..., None] * (points + jacobian @ moved), moved - targets
     stiffness *= share**2
-    matrix = np.einsum("fia,fib->ab", reduced, reduced, optimize=True)
-    matrix += np.einsum("fka,fk,fkb->ab", pulled, stiffness, pulled, optimize=True)
-    gradient = np.einsum("fia,fi->a", reduced, share * residual.reshape(frames, -1))
-    gradient += np.einsum("fka,fk->a", pulled, stiffness * away)
-    return matrix, gradient
+    rows = np.concatenate([reduced, np.sqrt(stiffness)[..., None] * pulled], axis=1).reshape(-1, len(parameters))
+    left = np.concatenate([share * residual.reshape(frames, -1), np.sqrt(stiffness) * away], axis=1).ravel()
+    return rows.T @ rows, rows.T @ left
 
 
 def parameter_derivatives(body: Body, parameters: Array, coordinates: Array, factors: int) -> tuple[Array, Array]:
     """Of points (frames, markers, 3, parameters) and gaps (frames, rows, parameters) at fixed postures: by the factors
-    as central differences, by the offsets as rotations of the bodies.
+    from bodies of double size, by the offsets as rotations of the bodies.
     """
     skeleton, tasks = body(parameters)
     rotation = postures(skeleton, coordinates, np.zeros_like(coordinates)).rotation_to_ground
@@ -81,13 +82,21 @@ def parameter_derivatives(body: Body, parameters: Array, coordinates: Array, fac
     for m, marker in enumerate(tasks.markers):
         first = factors + 3 * m
         points[:, m, :, first : first + 3] = rotation[:, marker.body]
-    gaps = np.zeros((frames, evaluate_points(skeleton, tasks, coordinates)[1].shape[1], len(parameters)))
-    for k in range(factors):
-        step = DIFFERENCE * (np.arange(len(parameters)) == k)
-        above, below = (evaluate_points(*body(parameters + side), coordinates) for side in (step, -step))
-        points[..., k] = (above[0] - below[0]) / (2.0 * DIFFERENCE)
-        gaps[..., k] = (above[1] - below[1]) / (2.0 * DIFFERENCE)
+    generic, *doubled = (
+        linearise_frames(problem, allocate_workspace(skeleton, problem), coordinates)
+        for problem in _generic_and_doubled(body, len(parameters), factors)
+    )
+    gaps = np.zeros((*generic.gap.shape, len(parameters)))
+    for k, found in enumerate(doubled):
+        points[..., k] = np.exp(parameters[k]) * (found.points - generic.points)
+        gaps[..., k] = np.exp(parameters[k]) * (found.gap - generic.gap)
     return points, gaps
+
+
+@lru_cache(maxsize=1)  # of all steps of an iteration
+def _generic_and_doubled(body: Body, parameters: int, factors: int) -> tuple[Problem, ...]:
+    """Problem of the generic body, and of those with one of its factors doubled."""
+    return tuple(build_problem(*body(logarithms)) for logarithms in np.log(2.0) * np.eye(factors + 1, parameters, -1))
 
 
 def _pulls(skeleton: Model, tasks: TrackingTasks, coordinates: Array) -> tuple[Array, Array]:
@@ -145,39 +154,25 @@ class LinearisedPostures:
 
 def linearise_postures(model: Model, tasks: TrackingTasks, coordinates: Array) -> LinearisedPostures:
     """At postures (frames, coordinates) [rad or m]."""
-    _, _, points, gap, rows = _evaluate(model, tasks, coordinates)
-    frames, markers, count = *points.shape[:2], coordinates.shape[1]
-    entries = 3 * markers
-    seen = np.repeat(points, entries, axis=0).reshape(frames, markers, 3, markers, 3)
-    weights = np.zeros((frames, markers, 3, markers))
-    for m in range(markers):
-        weights[:, m, :, m] = 1.0
-        for axis in range(3):
-            seen[:, m, axis, m, axis] -= 1.0
-    gradient = _evaluate(
-        model,
-        tasks,
-        np.repeat(coordinates, entries, axis=0),
-        (seen.reshape(-1, markers, 3), weights.reshape(-1, markers)),
-    ).gradient
-    return LinearisedPostures(points, gradient.reshape(frames, markers, 3, count), gap, rows)
+    problem = build_problem(model, NO_TASKS)
+    (frames, count), entries, joined = coordinates.shape, 3 * len(tasks.markers), problem.constraints
+    bodies = [*((marker.body, GROUND) for marker in tasks.markers), *joined.body]
+    places = [*((marker.location, np.zeros(3)) for marker in tasks.markers), *joined.location]
+    joined = joined._replace(
+        body=np.array(bodies, dtype=np.int64).reshape(-1, 2), location=np.array(places).reshape(-1, 2, 3)
+    )
+    problem = problem._replace(constraints=joined)
+    found = linearise_frames(problem, allocate_workspace(model, problem), coordinates)
+    return LinearisedPostures(
+        found.gap[:, :entries].reshape(frames, -1, 3),
+        found.rows[:, :entries].reshape(frames, -1, 3, count),
+        found.gap[:, entries:],
+        found.rows[:, entries:],
+    )
 
 
 def linearise_constraints(model: Model, coordinates: Array) -> tuple[Array, Array]:
     """gap (frames, rows) of the constraints, and rows (frames, rows, coordinates) its derivatives."""
-    found = _evaluate(model, TrackingTasks((), np.zeros(0)), coordinates)
+    problem = build_problem(model, NO_TASKS)
+    found = linearise_frames(problem, allocate_workspace(model, problem), coordinates)
     return found.gap, found.rows
-
-
-def evaluate_points(model: Model, tasks: TrackingTasks, coordinates: Array) -> tuple[Array, Array]:
-    """points (frames, markers, 3) in ground [m], and gap (frames, rows) of the constraints."""
-    found = _evaluate(model, tasks, coordinates)
-    return found.points, found.gap
-
-
-def _evaluate(
-    model: Model, tasks: TrackingTasks, coordinates: Array, weighted: tuple[Array, Array] | None = None
-) -> LinearisedFrames:
-    """Points, gap and rows; with x (frames, markers, 3) and w (frames, markers) also Σ w Jᵀ (p − x)."""
-    problem = build_problem(model, tasks)
-    return linearise_frames(problem, allocate_workspace(model, problem), coordinates, weighted)

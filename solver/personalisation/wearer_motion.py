@@ -372,15 +372,18 @@ def _normal_equations(body: _Body, knots: _Knots, at: Array) -> tuple[Array, Arr
     own[: body.parameters, : body.parameters] = prior_precision(body.priors, body.priors.errors.placement)
     deviation = np.repeat(np.where(_is_moved(found), LOOSE, FIXED), knots.modes.shape[1])
     own[body.parameters :, body.parameters :] = np.diag(deviation**-2.0)
-    anatomy, slope = _squared(_anatomy_rows(body, knots, found, gaps, coordinates, parameters))
-    of_markers, pull = _squared(_marker_rows(body, knots, found, points))
+    anatomy, slope = _squared(len(at), _anatomy_rows(body, knots, found, gaps, coordinates, parameters))
+    of_markers, pull = _squared(len(at), _marker_rows(body, knots, found, points))
     return own + anatomy + of_markers, own @ at + slope + pull
 
 
-def _squared(rows: Iterator[Array]) -> tuple[Array, Array]:
-    """AᵀA and Aᵀr of rows (A, r) in standard deviations."""
-    stacked = np.concatenate(list(rows))
-    product = stacked.T @ stacked
+def _squared(size: int, rows: Iterator[Array]) -> tuple[Array, Array]:
+    """AᵀA and Aᵀr of blocks of rows (A, r) in standard deviations. A block has few columns that are not zero."""
+    product = np.zeros((size + 1, size + 1))
+    for block in rows:
+        used = np.flatnonzero(block.any(axis=0))
+        filled = block[:, used]
+        product[np.ix_(used, used)] += filled.T @ filled
     return product[:-1, :-1], product[:-1, -1]
 
 
