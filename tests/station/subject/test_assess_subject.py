@@ -231,7 +231,11 @@ def test_a_mass_a_moving_pose_and_a_folder_without_motion_are_refused(folder: Pa
 
 @pytest.mark.slow
 def test_exchanged_labels_are_findings_of_a_body(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """On every eighth frame: a raise of the arm takes seconds, and every step of the estimate solves all frames."""
     declared = Subject(mass_kg=75.0, markers=dict(zip(MIDDLE, reversed(MIDDLE), strict=True)))
+    trials = assessed_subject.read_wearer_trials(folder)
+    thinned = tuple(replace(trial, time=trial.time[::8], markers=trial.markers[::8]) for trial in trials)
+    monkeypatch.setattr(assessed_subject, "read_wearer_trials", lambda _: thinned)
     monkeypatch.setattr(assessed_subject, "read_subject", lambda _: declared)
     monkeypatch.setattr(assessed_subject, "DRAWS", 0)
     body = build_subject(folder, GENERIC).body
