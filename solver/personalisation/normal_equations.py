@@ -18,7 +18,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from solver.inverse_kinematics.solve import Problem, TrackingTasks, allocate_workspace, build_problem, linearise_frames
+from solver.inverse_kinematics.gauss_newton import Problem
+from solver.inverse_kinematics.solve import TrackingTasks, allocate_workspace, build_problem, linearise_frames
 from solver.model import GROUND, Array, Model
 from solver.multibody.postures import postures
 
