@@ -188,7 +188,5 @@ def _sum(amplitudes: NDArray[np.complex128], frequencies: Array, count: int) -> 
     starting, placed = np.transpose(amplitudes * starting, (2, 1, 0)), np.transpose(placed, (2, 0, 1))
     left = np.concatenate((starting.real, -starting.imag), axis=2)
     right = np.concatenate((placed.real, placed.imag), axis=1)
-    blocks = np.ascontiguousarray(left) @ np.ascontiguousarray(
-        right
-    )  # of contiguous arrays by BLAS, eight times as fast
+    blocks = np.ascontiguousarray(left) @ np.ascontiguousarray(right)  # by BLAS, eight times as fast
     return np.asarray(blocks.reshape(len(blocks), -1).T[:count])
