@@ -26,7 +26,7 @@ from solver.personalisation.anthropometry import (
     size_factors,
 )
 from solver.personalisation.estimate import EstimateOutcome, _Problem, effective_frames, estimate_body, within_ranges
-from solver.personalisation.normal_equations import linearise_postures
+from solver.personalisation.normal_equations import linearise_postures, parameter_derivatives
 from solver.personalisation.segment_masses import (
     fit_tendons,
     hold_load,
@@ -140,6 +140,21 @@ def test_marker_jacobians_are_the_derivatives_of_the_markers() -> None:
         along = step * (np.arange(at.shape[1]) == k)
         above, below = (_points(at + side) for side in (along, -along))
         np.testing.assert_allclose(found.jacobian[..., k], (above - below) / (2 * step), atol=1e-8)
+
+
+def test_places_and_gaps_are_differentiated_by_every_size_and_offset_of_a_body_of_other_sizes() -> None:
+    problem = _Problem(MODEL, MARKERS, (), PRIORS, np.zeros(0))
+    chance, count = np.random.default_rng(3), len(PRIORS.factors)
+    parameters = 0.1 * chance.standard_normal(problem.parameters)
+    at = MODEL.default_coordinates + chance.uniform(-0.3, 0.3, (3, len(MODEL.coordinates)))
+    points, gaps = parameter_derivatives(problem.body, parameters, at, count)
+    step = 1e-5
+    for k in range(count + 3 * len(MARKERS)):
+        along = step * (np.arange(len(parameters)) == k)
+        above, below = (linearise_postures(*problem.body(parameters + side), at) for side in (along, -along))
+        np.testing.assert_allclose(points[..., k], (above.points - below.points) / (2 * step), atol=1e-9)
+        np.testing.assert_allclose(gaps[..., k], (above.gap - below.gap) / (2 * step), atol=1e-9)
+    assert np.abs(gaps[..., :count]).max() > 1e-3
 
 
 def _points(coordinates: np.ndarray) -> np.ndarray:
