@@ -158,7 +158,8 @@ def maximise(
     for _ in range(ROUNDS):
         free = (theta > 0) | (here.gradient < 0)
         step = np.zeros_like(theta)
-        step[free] = _newton_step(here, free)
+        if free.any():
+            step[free] = _newton_step(here, free)
         if np.sqrt(step @ here.information @ step) < smallest_step:
             return RemlSolution(theta, here, FitOutcome.CONVERGED)
         moved = _descend(contrasts, theta, here, step)
@@ -171,8 +172,6 @@ def maximise(
 def _newton_step(here: Curvature, free: NDArray[np.bool_]) -> Array:
     """Newton's step, or that of Fisher scoring where the observed information is not positive definite."""
     score, chosen = -here.gradient[free] / 2, np.ix_(free, free)
-    if not score.size:
-        return score
     _, step, failed = lapack.dposv(here.observed[chosen], score)
     return scipy.linalg.lstsq(here.information[chosen], score)[0] if failed else step
 
