@@ -37,7 +37,9 @@ class Pose:
 
 
 def fit_pose(reference: Array, points: Array) -> Pose:
-    """Rigid pose of (frames, markers, 3) in every frame, over the markers seen there and in the reference."""
+    """Rigid pose, of least squares, of points (frames, markers, 3) [m] over the markers that are seen in a frame and in
+    the reference (markers, 3) [m]; a marker that is not seen is NaN.
+    """
     seen = is_seen(points) & is_seen(reference)
     weight = seen / np.maximum(seen.sum(axis=1), 1)[:, None]
     here = np.where(seen[..., None], points, 0.0)

@@ -68,7 +68,7 @@ MISSING_FILE = "missing.json"
 """Beside them where the report is not complete: a list of sentences, what is missing and why."""
 PDF_FILE = "report.pdf"
 PROGRAMS = ("chromium-headless-shell", "chromium", "chromium-browser", "google-chrome", "microsoft-edge")
-"""On Linux by name, the one without windows first: it needs less; elsewhere Playwright finds those of CHANNELS."""
+"""On Linux by name, first the one without windows, which takes less time; elsewhere Playwright finds CHANNELS."""
 CHANNELS = ("chrome", "msedge")
 _TRUTH, _MISSING = TypeAdapter(dict[str, TrueCuff]), TypeAdapter(list[str])
 

@@ -196,7 +196,7 @@ def test_a_spike_is_above_5_n_ten_distances_of_the_noise_and_half_of_the_range()
     assert (_spikes(few, 50.0), _spikes(-few, -50.0), _spikes(few, 50.0625)) == (0, 0, 1), "0.6 % of the samples"
 
 
-def test_more_than_two_percent_of_spikes_and_samples_too_few_or_too_slow_to_show_one() -> None:
+def test_more_than_two_percent_of_spikes_are_refused_and_few_or_slow_samples_show_none() -> None:
     still = np.zeros(200)
     assert _spikes(still, 9.0, 9.0, 9.0, 9.0) == 4
     with raises_refusal(RejectionCode.FORCE_SPIKES, count=5, total=200, most_n=9.0):
