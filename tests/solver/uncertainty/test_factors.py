@@ -106,25 +106,30 @@ def test_blocks_with_an_unknown_value_are_left_out_and_a_constant_has_no_indices
 
 @pytest.mark.slow
 def test_first_order_indices_of_the_suit_agree_with_brute_force():
-    """Brute force: the variance of the mean over everything else, with the group held, over the variance."""
+    """Brute force: every drawn donning on every drawn body, and an analysis of variance with two crossed factors
+    (Searle, Casella and McCulloch 1992, Variance Components, section 4.3).
+    """
     silent = replace(
         CASE.sources, fit=FitSpread(0.0), muscles=MuscleSpread(*[0.0] * 7), motion=MotionSpread(*[0.0] * 4)
     )
     case = replace(CASE, sources=replace(silent, body=BodySpread(0.0, 0.0, 0.01, 0.05)))
-    held = others = 16
+    count, names = 16, group_names(case.factors)
+    assert set(names) == {"donning", "body"}
 
     def cost(scores):
         return solve_people(case, scores, workers=1)["both", "hand"].at_reference
 
     found = sobol_indices(case.factors, {"f": cost(group_sample(case.factors, 64, seed=1))}, seed=1)["f"]
-    scores = normal_scores(unit_sample(case.factors, held * others, "latin_hypercube", seed=2))
-    for group in ("donning", "body"):
-        columns = factor_columns(case.factors, [factor.name for factor in case.factors if factor.group == group])
-        drawn = scores.copy()
-        drawn[:, columns] = np.repeat(scores[:held][:, columns], others, axis=0)
-        efforts = cost(drawn).reshape(held, others)
-        noise = efforts.var(axis=1, ddof=1).mean() / others
-        expected = (efforts.mean(axis=1).var(ddof=1) - noise) / efforts.var(ddof=1)
-        index = group_names(case.factors).index(group)
+    scores = normal_scores(unit_sample(case.factors, 2 * count, "latin_hypercube", seed=2))
+    on_body = factor_columns(case.factors, [factor.name for factor in case.factors if factor.group == "body"])
+    crossed = np.repeat(scores[:count], count, axis=0)
+    crossed[:, on_body] = np.tile(scores[count:, on_body], (count, 1))
+    efforts = cost(crossed).reshape(count, count)
+    means = {"donning": efforts.mean(axis=1), "body": efforts.mean(axis=0)}
+    together = efforts - means["donning"][:, None] - means["body"] + efforts.mean()
+    interaction = (together**2).sum() / (count - 1) ** 2
+    variances = {group: mean.var(ddof=1) - interaction / count for group, mean in means.items()}
+    for group, variance in variances.items():
+        index, expected = names.index(group), variance / (interaction + sum(variances.values()))
         assert found.first[index] == pytest.approx(expected, abs=found.first_half_width[index] + 0.1)
-    assert found.first.argmax() == group_names(case.factors).index("body")
+    assert found.first.argmax() == names.index("body")
