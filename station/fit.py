@@ -22,7 +22,7 @@ from recordings.reader import read_manifest
 from station.checksums import check_hash, write_checksums, write_whole
 from station.errors import StationError
 from station.exit_code import LOSSY
-from station.folders import require_folder
+from station.folders import ensure_folder, require_folder
 from station.journal import Assignment, Journal, read_journal
 from station.messages.setup_messages import FolderCode
 from station.progress import Progress, silent
@@ -53,6 +53,8 @@ def fit_session_folder(
     paths = pulls_in(folder)
     if not paths:
         raise SessionError(Message(FolderCode.NO_RECORDING, {"folder": str(folder)}))
+    if output is not None:
+        ensure_folder(output.parent)
     journal = read_journal(folder)
     fitted = replace(
         _fit(folder, paths, journal, progress, readings), recordings={path.name: check_hash(path) for path in paths}

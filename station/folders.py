@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import errno
+import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -26,7 +28,9 @@ class NotAFolder(StationError):
 
 
 def ensure_folder(output: Path) -> None:
-    """Raise NotAFolder, before anything is computed, if results cannot be written to output."""
+    """Raise NotAFolder or PermissionError, before anything is computed, if results cannot be written to output."""
     found = next(path for path in (output, *output.absolute().parents) if path.exists())
     if not found.is_dir():
         raise NotAFolder(Message(InputCode.OUTPUT_IS_FILE, {"path": str(found)}))
+    if not os.access(found, os.W_OK):
+        raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(found))

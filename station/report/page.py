@@ -39,6 +39,7 @@ from station.emg.emg_json import EMG_FILE, EmgDocument, read_emg_document
 from station.errors import StationError
 from station.files.chain import NUMBERS_FILE, REPORT_FILE, trace_chain
 from station.fit import fit_session_folder
+from station.folders import ensure_folder
 from station.messages.setup_messages import FolderCode
 from station.progress import Progress, silent
 from station.recordings_of_session import motions_in, pulls_in, recordings_in
@@ -108,6 +109,7 @@ def write_report(folder: Path, fitted: SessionFit | None = None, progress: Progr
 
     fitted spares fitting the folder's recordings again. Raises ReportError for a folder without recordings and results.
     """
+    ensure_folder(folder)
     if fitted is None and folder.is_dir() and pulls_in(folder):
         fitted = fit_session_folder(folder, None, progress)
     results = read_results(folder, fitted)

@@ -1,6 +1,8 @@
 """`station fit`: printed results and written files."""
 
+import errno
 import json
+import os
 from dataclasses import replace
 from pathlib import Path
 
@@ -44,3 +46,14 @@ def test_the_fit_is_written_beside_the_recordings_and_printed_with_bound_law_and
     assert json.loads((tmp_path / "cuffs.json").read_text(encoding="utf-8"))["cuffs"]["waist"]["complex_stiffness"]
     out = " ".join(ran.out.split())
     assert all(words in out for words in ("at best", "[mm]", "law slip", "likely: slip explains"))
+
+
+def test_a_folder_that_cannot_be_written_is_refused_before_anything_is_fitted(
+    station, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "cuff-hand_test-static_run-1.mcap").touch()
+    monkeypatch.setattr("station.fit.read_journal", lambda folder: pytest.fail(f"{folder} is read"))
+    monkeypatch.setattr("station.folders.os.access", lambda path, mode: not (path == tmp_path and mode == os.W_OK))
+    for verb in ("fit", "report"):
+        ran = station(verb, tmp_path)
+        assert (ran.code, ran.err) == (1, f"station: {tmp_path} cannot be used: {os.strerror(errno.EACCES)}\n")
