@@ -1,7 +1,6 @@
 """Live values of the open session, shared by all pages of a console: one subscription, however many pages are open.
 
-The live process never waits for it, and it never waits for a page: a page takes what it can draw. A body is drawn as
-lines in millimetres: bones, muscles, cord.
+The live process never waits for it, and it never waits for a page: a page takes what it can draw.
 """
 
 from __future__ import annotations
@@ -9,21 +8,17 @@ from __future__ import annotations
 import asyncio
 import time
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
-import numpy as np
-
-from solver.drawing import bone_lines, path_lines, skeleton
-from solver.errors import SolverError
-from solver.model import Array, Model
-from solver.multibody.postures import points_in_ground, postures
-from solver.suit.suit import Suit
 from station.live.published import NAN, LiveScenario, LiveSetup, LiveUpdate, LiveValues
 from station.live.subscription import LiveAddress, LiveSubscription, LiveUnreachable, find_address
-from station.sources import drawn_body
+
+if TYPE_CHECKING:
+    from solver.suit.suit import Suit
+    from station.console.body_drawing import BodyDrawing
 
 LOOK_INTERVAL_S = 1.0
 """Wall time between two looks for a live process."""
@@ -34,7 +29,6 @@ WORN, RIGID, SLACK = "both", "rigid", "slack"
 SHOWN_S = 20.0
 KEPT_POINTS = 600
 """Points of each curve: SHOWN_S at the rate of the live process, and some more."""
-MM = 1e3
 
 
 @dataclass(frozen=True)
@@ -140,7 +134,9 @@ class LiveFeed:
         self._reset()
         self.setup, self._subscription = subscription.setup, subscription
         self.setups += 1
-        self.drawing, self.suit = await asyncio.to_thread(_prepare, subscription.setup)
+        from station.console.body_drawing import prepare_drawing  # the solver: most consoles show no body
+
+        self.drawing, self.suit = await asyncio.to_thread(prepare_drawing, subscription.setup)
 
     def _take(self, subscription: LiveSubscription) -> None:
         for update in subscription.take():
@@ -164,48 +160,7 @@ class LiveFeed:
             self._subscription = None
 
 
-def _prepare(setup: LiveSetup) -> tuple[BodyDrawing | None, Suit | None]:
-    """The drawing of the body, with its kernels loaded; None for a model that this station cannot read."""
-    try:
-        model, suit = drawn_body(setup.subject.model_osim, setup.suit_toml)
-        drawing = BodyDrawing(model, suit)
-        drawing.lines(model.default_coordinates.tolist())
-    except SolverError:
-        return None, None
-    return drawing, suit
-
-
 def _point(values: LiveValues, worn: int | None) -> LivePoint:
     cord_force_n = NAN if worn is None else values.scenarios[worn].cord_force_n
     efforts = tuple(scenario.effort for scenario in values.scenarios)
     return LivePoint(values.time_s, efforts, cord_force_n, values.cord_force_measured_n, values.emg_rms_uv)
-
-
-class BodyDrawing:
-    """suit is None without one. The first lines load the compiled kernels, which takes a second or more."""
-
-    def __init__(self, model: Model, suit: Suit | None) -> None:
-        self._model, self._suit = model, suit
-        self._bones = skeleton(model)
-
-    def lines(self, coordinates: Sequence[float]) -> dict[str, Any]:
-        """Bones with their kind, muscles in the order of the model, and the cord (no points without a suit).
-
-        coordinates (coordinates,) [rad or m] in the order of the model, finite. Points are x, y, z [mm] in ground.
-        """
-        q = np.array(coordinates, dtype=float)[None]
-        state = postures(self._model, q, np.zeros_like(q))
-        bones = zip(self._bones, bone_lines(self._bones, state), strict=True)
-        suit = self._suit
-        parts = () if suit is None else suit.line
-        cord = [points_in_ground(state, self._model.body_index(part.body), part.location)[0] for part in parts]
-        return {
-            "bones": [[bone.kind, _in_mm(line[0])] for bone, line in bones],
-            "muscles": [_in_mm(line) for line in path_lines(self._model, state)[0]],
-            "cord": _in_mm(np.array(cord).reshape(-1, 3)),
-        }
-
-
-def _in_mm(points: Array) -> list[list[int]]:
-    rounded: list[list[int]] = np.rint(MM * points).astype(int).tolist()
-    return rounded

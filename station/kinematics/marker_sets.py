@@ -12,12 +12,11 @@ from pydantic import Field
 from documents.message import Message
 from documents.plain_data import parse_toml, read_toml
 from documents.validation import Section, Vector, refused_as
-from solver.model import Marker, Model
-from solver.osim.model_writer import with_markers
 from station.errors import StationError
 from station.messages.kinematics_messages import KinematicsCode
 
 if TYPE_CHECKING:
+    from solver.model import Marker, Model
     from station.kinematics.marker_checks import Finding
 
 
@@ -65,6 +64,8 @@ def place_marker_set(model: Model, name: str) -> tuple[Model, list[str], tuple[F
     A marker that the model has on another body than the set stays there. Raises MarkerSetError for an unknown set, and
     if the model has none of its bodies.
     """
+    from solver.model import Marker  # the console only lists the names of sets
+    from solver.osim.model_writer import with_markers
     from station.kinematics.marker_checks import unattached_findings
 
     marker_set = read_marker_set(name)

@@ -70,7 +70,7 @@ PROGRAMS: tuple[dict[str, set[str]], ...] = (
     {
         "station.session.trial_daemon": {"scipy", "numba", "pandas", "rich", "nicegui"},
         "station.terminal.sequencer": {"scipy.signal", "scipy.stats", "numba"},
-        "station.console.server": {"scipy.signal", "scipy.stats", "numba"},
+        "station.console.server": {"scipy", "numba", "solver.model", "aiohttp", "requests", "tornado"},
     },
     {"station.bench.simulator_process": UNUSED_BY_BENCH},
 )

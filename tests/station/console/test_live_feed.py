@@ -17,7 +17,8 @@ from solver.bundled import bundled_model
 from solver.multibody.postures import points_in_ground, postures
 from solver.osim.model_writer import osim_document
 from solver.suit.suit import read_suit
-from station.console.live_feed import COMMAND_TIMEOUT_S, BodyDrawing, LiveFeed
+from station.console.body_drawing import BodyDrawing
+from station.console.live_feed import COMMAND_TIMEOUT_S, LiveFeed
 from station.live.published import LiveSetup, LiveSubject
 from station.sources import read_model
 from tests.station.console.live_source import LiveSource, live_setup
