@@ -214,24 +214,22 @@ class AssignedEntry(Assignment, FileEntry):
     kind: Literal["assigned"] = "assigned"
 
 
-class JournalLine(
-    RootModel[
-        Annotated[
-            SetupEntry
-            | RecordedEntry
-            | VerdictEntry
-            | MarkEntry
-            | DonnedEntry
-            | SkippedEntry
-            | NextEntry
-            | SessionNoteEntry
-            | UndoneEntry
-            | AssignedEntry,
-            Field(discriminator="kind"),
-        ]
-    ]
-):
+class JournalLine(RootModel[Any]):
     """One line of session.jsonl. A later line overrules an earlier one; no line is ever changed."""
+
+    root: Annotated[
+        SetupEntry
+        | RecordedEntry
+        | VerdictEntry
+        | MarkEntry
+        | DonnedEntry
+        | SkippedEntry
+        | NextEntry
+        | SessionNoteEntry
+        | UndoneEntry
+        | AssignedEntry,
+        Field(discriminator="kind"),
+    ]
 
 
 LOCK_WAIT_S = 10.0

@@ -12,10 +12,11 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from time import perf_counter
+from typing import TYPE_CHECKING
 
-from rich import progress as bars
-from rich.console import Console
-from rich.text import Text
+if TYPE_CHECKING:
+    from rich.console import Console
+    from rich.progress import Task, TaskID
 
 Progress = Callable[[str, int, int], None]
 """Called with stage, number of finished steps, and total. The call with 0 starts the clock of the stage."""
@@ -27,6 +28,8 @@ COMPILING = "compiling the solver"
 @contextmanager
 def busy(activity: str) -> Iterator[None]:
     """Show an activity of unknown duration. Nothing is drawn without a terminal."""
+    from rich.console import Console  # the worker and the console have no terminal
+
     with Console(stderr=True).status(activity):
         yield
 
@@ -104,11 +107,24 @@ class _Bars:
     """A bar per stage, drawn from the first call on."""
 
     def __init__(self, console: Console, clock: Clock) -> None:
+        from rich import progress as bars
+        from rich.text import Text
+
+        class TimeLeftColumn(bars.ProgressColumn):
+            """Estimate of the remaining time from the mean duration of the finished steps.
+
+            Rich's own column uses the last 30 s only, in which no trial or kernel may end.
+            """
+
+            def render(self, task: Task) -> Text:
+                if task.finished or not task.elapsed or task.total is None:
+                    return Text()
+                return Text(time_left(task.description, task.elapsed, task.completed, task.total))
+
         columns = (bars.TextColumn("{task.description}"), bars.BarColumn(), bars.MofNCompleteColumn())
-        self._bars = bars.Progress(
-            *columns, bars.TimeElapsedColumn(), _TimeLeftColumn(), console=console, get_time=clock
-        )
-        self._tasks: dict[str, bars.TaskID] = {}
+        times = (bars.TimeElapsedColumn(), TimeLeftColumn())
+        self._bars = bars.Progress(*columns, *times, console=console, get_time=clock)
+        self._tasks: dict[str, TaskID] = {}
 
     def report(self, stage: str, done: int, total: int) -> None:
         self._bars.start()
@@ -119,18 +135,6 @@ class _Bars:
     def close(self) -> None:
         if self._tasks:
             self._bars.stop()
-
-
-class _TimeLeftColumn(bars.ProgressColumn):
-    """Estimate of the remaining time from the mean duration of the finished steps.
-
-    Rich's own column uses the last 30 s only, in which no trial or kernel may end.
-    """
-
-    def render(self, task: bars.Task) -> Text:
-        if task.finished or not task.elapsed or task.total is None:
-            return Text()
-        return Text(time_left(task.description, task.elapsed, task.completed, task.total))
 
 
 @dataclass

@@ -14,13 +14,10 @@ from dataclasses import dataclass, field, replace
 from datetime import UTC, date, datetime
 from pathlib import Path
 from queue import Empty
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from rich.console import Console
-from rich.table import Table
-from rich.text import Text
 
 from documents.message import Figures, Message, because
 from fitting.results.codes import FitErrorCode
@@ -35,6 +32,10 @@ from station.clock import Clock, RealClock
 from station.config import StationConfig
 from station.journal import append_line, utc_now
 from station.messages.bench_messages import CheckCode
+from station.progress import busy
+
+if TYPE_CHECKING:
+    from rich.console import Console
 
 REST_PART_OF_CAPACITY = 0.02
 """Largest force with an empty hook, as a fraction of the capacity; as much as the zero may drift within a trial."""
@@ -136,7 +137,7 @@ class DeviceSurvey:
 
 def check_bench(config: StationConfig, folder: Path, *, as_json: bool) -> int:
     """Print the results, including the space on the folder's disk; return 0 if all are good, else 1."""
-    with Console(stderr=True).status("reading the devices"):
+    with busy("reading the devices"):
         results = inspect_bench(config, folder)
     return show_results(results, as_json=as_json)
 
@@ -146,6 +147,10 @@ def show_results(results: Sequence[CheckResult], console: Console | None = None,
     if as_json:
         print(json.dumps([result.to_json() for result in results], indent=2, ensure_ascii=False))
     else:
+        from rich.console import Console  # the browser's console shows them itself
+        from rich.table import Table
+        from rich.text import Text
+
         table = Table("", "subject", "result")
         for result in results:
             # As Text: a code in brackets is no markup.

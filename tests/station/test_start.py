@@ -69,8 +69,9 @@ UNUSED_BY_BENCH = {"scipy.constants", "scipy.linalg", "scipy.spatial", "pandas",
 PROGRAMS: tuple[dict[str, set[str]], ...] = (
     {
         "station.session.trial_daemon": {"scipy", "numba", "pandas", "rich", "nicegui"},
-        "station.terminal.sequencer": {"scipy.signal", "scipy.stats", "numba"},
-        "station.console.server": {"scipy", "numba", "solver.model", "aiohttp", "requests", "tornado"},
+        "station.session.worker": {"scipy", "numba", "pandas", "rich", "nicegui"},
+        "station.console.server": {"scipy", "numba", "rich", "solver.model", "aiohttp", "requests", "tornado"},
+        "station.terminal.sequencer": {"scipy", "numba"},
     },
     {"station.bench.simulator_process": UNUSED_BY_BENCH},
 )
