@@ -87,6 +87,10 @@ def _timeout_of(item: pytest.Item) -> float:
     return float(item.config.getini("timeout") if given is None else given)
 
 
+def _timeouts_of(items: list[pytest.Item]) -> float:
+    return sum(map(_timeout_of, items))
+
+
 @pytest.hookimpl(trylast=True)
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     items[:] = longest_first(items, int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "1")))
@@ -102,15 +106,21 @@ def longest_first(items: list[pytest.Item], processes: int) -> list[pytest.Item]
 
     At the end of the run, one of them would leave the other processes without work. A process begins with an equal part
     of the list (worksteal in pyproject.toml); the other tests stay in their order. Two processes have all tests in a
-    browser, because more browsers at once take the processor from each other.
+    browser, because more browsers at once take the processor from each other; a module is in one of them, because it
+    starts a browser of its own.
     """
     markers = {item: item.get_closest_marker("timeout") for item in items}
     long = sorted((item for item in items if markers[item]), key=_timeout_of, reverse=True)
     others = [item for item in items if not markers[item]]
-    in_browser = [item for item in long if "browser" in item.fixturenames] if processes > 2 else []
-    rest = [item for item in long if item not in in_browser]
+    in_browser: dict[Path, list[pytest.Item]] = {}
+    for item in long:
+        if "browser" in item.fixturenames and processes > 2:
+            in_browser.setdefault(item.path, []).append(item)
+    rest = [item for item in long if item not in in_browser.get(item.path, [])]
     browsing = 2 if in_browser else 0
-    shares = [in_browser[process::2] for process in range(browsing)]
+    shares: list[list[pytest.Item]] = [[] for _ in range(browsing)]
+    for module in sorted(in_browser.values(), key=_timeouts_of, reverse=True):
+        min(shares, key=_timeouts_of).extend(module)
     shares += [rest[process :: processes - browsing] for process in range(processes - browsing)]
     ordered: list[pytest.Item] = []
     for process, share in enumerate(shares):

@@ -1,5 +1,7 @@
 """The time-outs of tests under load, and the order that they give to the tests."""
 
+from pathlib import Path
+
 import psutil
 import pytest
 
@@ -49,5 +51,7 @@ def test_every_process_begins_with_its_share_of_the_longest_tests(request: pytes
     assert found == ["longest", "a", "b", "long", "c", "d", "e"], "xdist gives three of seven to the first process"
     assert [test.name for test in longest_first(tests, 9)] == ["longest", "long", *"abcde"]
     pages = [item(f"page {number}", 600, "browser") for number in range(4)]
+    for page, module in zip(pages, ("one.py", "one.py", "other.py", "last.py"), strict=True):
+        page.path = Path(module)
     found = [test.name for test in longest_first([*tests, *pages], 4)]
-    assert found == ["page 0", "page 2", "page 1", "page 3", "a", "longest", "b", "c", "long", "d", "e"]
+    assert found == ["page 0", "page 1", "page 2", "page 3", "a", "longest", "b", "c", "long", "d", "e"]
