@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import math
+import shutil
 import time
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
@@ -28,7 +28,7 @@ from station.bench.session_folder import SIMULATED_FOLDER
 from station.bench.simulation import SimulatedBench, practice_settings
 from station.bench.trial_recorder import TrialRecorder
 from station.bench.view import Snapshot, TrialState
-from station.config import load_config
+from station.config import StationConfig, load_config
 from station.protocol import TrialSpec
 from tests.drivers.tcp_proxy import TcpProxy
 from tests.station.console.served import write_config
@@ -44,34 +44,33 @@ STATIC = TrialSpec("waist", "static", 1)
 
 @pytest.mark.slow
 @pytest.mark.timeout(900)
-def test_twenty_killed_daemons_leave_all_but_half_a_second(tmp_path: Path) -> None:
+def test_seven_killed_daemons_leave_all_but_half_a_second_and_so_would_those_that_are_left(tmp_path: Path) -> None:
+    """Every kill is also one of the daemons that still record: their files of that moment are what it would leave."""
     random = np.random.default_rng(5)
     with KillBench(tmp_path) as bench:
-        instants_s = np.sort(random.uniform(0, 10, 20))  # a round lasts until its last kill
-        rounds = np.array_split(instants_s, math.ceil(20 / DAEMONS))
-        killed = [one for instants in rounds for one in bench.kill(instants.tolist())]
-    for one in killed:
+        instants_s = (np.arange(DAEMONS) + random.uniform(size=DAEMONS)) * (10.0 / DAEMONS)
+        left = bench.kill(instants_s.tolist())
+    for one in left:
         assert max(one.losses_s().values()) <= LOSS_BOUND_S
         ensure_contiguous(open_recording(one.path))
         ensure_recovered(one.path)
-    assert len(killed) == 20
-    assert max(one.killed_s for one in killed) - min(one.killed_s for one in killed) > 8.0
+    assert len(left) == DAEMONS * (DAEMONS + 1) // 2
+    assert max(one.killed_s for one in left) - min(one.killed_s for one in left) > 8.0
 
 
 @pytest.mark.slow
-def test_the_trial_after_eight_killed_recorders_is_recorded(tmp_path: Path) -> None:
+def test_the_trial_after_four_killed_recorders_is_recorded_and_saves_the_capture_that_they_left(tmp_path: Path) -> None:
+    folder = tmp_path / "simulated"
     with simulated_bench(tmp_path / "bench", swing_s=60.0) as (bench, config):
-        for kill in range(8):
-            with Recorder(config, tmp_path / "simulated" / "monday", bench.clock_port) as killed:
+        for kill in range(4):
+            with Recorder(config, folder, bench.clock_port) as killed:
                 killed.let_go()
-                killed.until(has_recorded(0.25 * kill))
+                killed.until(has_recorded(0.5 * kill))
                 killed.child.process.kill()
                 killed.child.process.wait()
-        with Recorder(config, tmp_path / "simulated" / "monday", bench.clock_port) as recorder:
-            recorder.let_go()
-            result = recorder.end()["result"]
-    assert result["accepted"] and not result["lost_samples"], result["sentence"]
-    assert result["file"] == "cuff-hand_test-dynamic_run-9.mcap"
+        result = record_after_a_kill(bench, config, folder)
+    assert not result["lost_samples"], result["sentence"]
+    assert result["file"] == "cuff-hand_test-dynamic_run-5.mcap"
 
 
 class Breaks:
@@ -113,21 +112,26 @@ def test_a_trial_continues_without_a_loss_over_twenty_broken_connections(
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("swing_s", [3.0, 60.0], ids=["which has ended meanwhile", "which still runs"])
-def test_the_trial_after_a_killed_recorder_saves_the_capture_that_it_left(tmp_path: Path, swing_s: float) -> None:
+def test_the_trial_after_a_killed_recorder_saves_a_capture_that_has_ended_meanwhile(tmp_path: Path) -> None:
     folder = tmp_path / "simulated"
-    with simulated_bench(tmp_path / "bench", swing_s=swing_s) as (bench, config):
+    with simulated_bench(tmp_path / "bench", swing_s=3.0) as (bench, config):
         with Recorder(config, folder, bench.clock_port) as killed:
             killed.until(has_recorded(2.0))
             killed.child.process.kill()
             killed.child.process.wait()
-        with Recorder(config, folder, bench.clock_port) as recorder:
-            recorder.let_go()
-            result = recorder.end()["result"]
-    assert result["accepted"], result["sentence"]
+        result = record_after_a_kill(bench, config, folder)
     assert result["file"] == "cuff-hand_test-dynamic_run-2.mcap"
+
+
+def record_after_a_kill(bench: SimulatedBench, config: StationConfig, folder: Path) -> dict[str, Any]:
+    """The result of a trial that is recorded whole, although a killed recorder began a capture."""
+    with Recorder(config, folder, bench.clock_port) as recorder:
+        recorder.let_go()
+        result: dict[str, Any] = recorder.end()["result"]
+    assert result["accepted"], result["sentence"]
     assert open_recording(folder / result["file"]).load("/markers").sample_numbers[0] == 1
     assert not (folder / ".capture").exists(), "what it began itself it has ended"
+    return result
 
 
 @pytest.mark.slow
@@ -176,8 +180,8 @@ def test_a_trial_is_recorded_to_its_end_when_the_console_ends(
 
 
 @dataclass(frozen=True)
-class Killed:
-    """What one daemon left; killed_s is the moment of the kill in seconds after the edge, by the world's clock."""
+class Left:
+    """What a kill of one daemon leaves; killed_s is its moment in seconds after the edge, by the world's clock."""
 
     path: Path
     killed_s: float
@@ -218,7 +222,6 @@ class KillBench:
         crystal = DaqClockSettings(offset_ppm=0.0, drift_ppm_per_hour=0.0)
         self._daqs = [NiDaqSimulator(self.world, clock=crystal, seed=i) for i in range(daemons)]
         self._running = ExitStack()
-        self._rounds = 0
 
     def __enter__(self) -> KillBench:
         servers: list[NiDaqSimulator | QualisysSimulator] = [self._qtm, *self._daqs]
@@ -242,13 +245,15 @@ class KillBench:
     def pending(self) -> list[str]:
         return ["qtm"] * self._qtm.has_pending_reply
 
-    def kill(self, instants_s: Sequence[float]) -> list[Killed]:
-        """Starts a daemon for each instant (seconds after the edge, in order), and kills it then."""
-        self._rounds += 1
-        folders = [self._folder / f"round-{self._rounds}-daemon-{i}" for i in range(len(instants_s))]
+    def kill(self, instants_s: Sequence[float]) -> list[Left]:
+        """Starts a daemon for each instant (seconds after the edge, in order), and kills it then.
+
+        Returns what the kills left, and copies of what each would have left of the daemons that recorded on.
+        """
+        folders = [self._folder / f"daemon-{i}" for i in range(len(instants_s))]
         with ExitStack() as stack:
             daemons = []
-            for folder, daq in zip(folders, self._daqs, strict=False):
+            for folder, daq in zip(folders, self._daqs, strict=True):
                 config = config_at({"ni": daq.port, "qtm": self._qtm.port}, sync={"timeout_s": 600.0})
                 daemon = stack.enter_context(Recorder(config, folder, self.ports["clock"], spec=STATIC))
                 daemon.let_go()
@@ -257,13 +262,14 @@ class KillBench:
             with self.clock.attach("the kills") as world:
                 world.advance_to(self.world.now() + ARMED_S)
                 edge_s = self.world.start_capture().start
-                killed = []
-                for instant_s, daemon, folder in zip(instants_s, daemons, folders, strict=True):
+                paths = [next(folder.glob("*.mcap")) for folder in folders]
+                left = []
+                for number, (instant_s, daemon) in enumerate(zip(instants_s, daemons, strict=True)):
                     killed_s = world.advance_to(edge_s + instant_s) - edge_s  # where the world stands still
                     daemon.child.process.kill()
-                    killed.append(Killed(next(folder.glob("*.mcap")), killed_s))
-            self.world.stop_capture()
-            return killed
+                    copies = [shutil.copyfile(path, path.with_stem(f"left-{number}")) for path in paths[number + 1 :]]
+                    left += [Left(path, killed_s) for path in (paths[number], *copies)]
+            return left
 
 
 def is_armed(message: dict[str, Any]) -> bool:
