@@ -2,7 +2,7 @@
 
 The wheel is for the version of Python that runs this, and its kernels are for the version of numba that it has. With
 another one, or on a processor without the instructions of TARGETS, an installed wheel compiles at its first
-use, as the source does. setuptools >= 69 must be installed.
+use, as the source does. setuptools >= 77 must be installed: it builds the wheel without a package index.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ def build(output: Path) -> None:
             "--plat-name": sysconfig.get_platform().replace("-", "_").replace(".", "_"),
         }
         settings = [f"--config-settings=--build-option={option}={tag}" for option, tag in tags.items()]
-        pip = (sys.executable, "-m", "pip", "wheel", "--no-deps", "--wheel-dir", str(output))
+        pip = (sys.executable, "-m", "pip", "wheel", "--no-deps", "--no-build-isolation", "--wheel-dir", str(output))
         subprocess.run([*pip, *settings, str(source)], check=True)  # noqa: S603
 
 
