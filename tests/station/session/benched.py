@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import pickle
 import subprocess
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
@@ -10,12 +11,18 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from documents.message import Message
+from drivers.simulators.requests import answer_or_refusal
+from drivers.simulators.simulated_bench import bench_from_options, describe_bench
 from recordings.manifest import TestKind
 from station.bench.bench_clock import BenchClock
-from station.bench.simulation import SimulatedBench, simulator_settings
+from station.bench.simulation import SimulatedBench, SimulationError, simulator_settings
 from station.child import Child
 from station.config import StationConfig, load_config, parse_config
+from station.messages.setup_messages import SimulationCode
+from station.progress import Progress
 from station.protocol import TrialSpec
+from station.session.worker import Worker
 from tests.station.console.served import write_config
 
 DYNAMIC = TrialSpec("hand", "dynamic", 1)
@@ -31,6 +38,33 @@ def config_at(ports: Mapping[str, int], **more: dict[str, Any]) -> StationConfig
     return parse_config(sections | {name: sections.get(name, {}) | keys for name, keys in more.items()}, "test")
 
 
+class ThreadedBench(SimulatedBench):
+    """The simulated bench in threads of this process: the start of one of its own takes a second of processor."""
+
+    def __enter__(self) -> ThreadedBench:
+        self._running = ExitStack()
+        self._bench = self._running.enter_context(bench_from_options(self._settings))
+        self.ready = describe_bench(self._bench)
+        return self
+
+    def request(self, request: dict[str, Any]) -> dict[str, Any]:
+        answer = answer_or_refusal(self._bench, request)
+        if "error" in answer:
+            raise SimulationError(Message(SimulationCode.REFUSED, {"reason": str(answer["error"])}))
+        return answer
+
+    def close(self) -> None:
+        self._running.close()
+
+
+class ThreadedWorker(Worker):
+    """The worker in a thread of this process, which has imported the fit already."""
+
+    def _execute(self, task: bytes, on_progress: Progress) -> Any:
+        work, arguments, has_progress = pickle.loads(task)  # noqa: S301  (our own)
+        return pickle.loads(pickle.dumps(work(*arguments, *([on_progress] if has_progress else []))))  # noqa: S301
+
+
 @contextmanager
 def simulated_bench(
     folder: Path, *, speed: float | None = None, test: TestKind = "dynamic", hold_s: float = 7.0, swing_s: float = 5.0
@@ -42,7 +76,7 @@ def simulated_bench(
     folder.mkdir(exist_ok=True)
     config = load_config(write_config(folder, hold_s=hold_s, swing_s=swing_s))
     settings = {**simulator_settings(config), "operator": {"capture": "remote"}}
-    with SimulatedBench(settings, speed, 3) as bench:
+    with ThreadedBench(settings, speed, 3) as bench:
         bench.request({"don": "hand"})
         bench.request({"trial": {"cuff": "hand", "test": test}})
         yield bench, bench.configure(config)

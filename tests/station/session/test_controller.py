@@ -35,7 +35,7 @@ from station.session.trial_runner import LiveTrial, TrialRunner
 from station.session.worker import Worker, WorkerKilled
 from tests.refusals import raises_refusal
 from tests.station.console.served import write_config
-from tests.station.session.benched import simulated_bench
+from tests.station.session.benched import ThreadedBench, ThreadedWorker, simulated_bench
 from tests.timeout import scaled_timeout
 
 SETUP = Setup("P01", "ab", ("hand",), 1, has_bounce=False)
@@ -48,6 +48,7 @@ HOLD_S = 600.0
 @pytest.fixture
 def controller(tmp_path: Path) -> Iterator[SessionController]:
     controller = SessionController(load_config(write_config(tmp_path)))
+    controller.reviewer._worker = ThreadedWorker()
     controller.session.config = with_folder(controller.session.config, tmp_path / "sessions")
     yield controller
     controller.close()
@@ -469,9 +470,10 @@ def test_the_simulated_operator_follows_the_cues_and_the_trial_gives_migration(
         return is_alarm
 
     monkeypatch.setattr(LiveTrial, "update", update_and_note)
-    with SimulatedBench(practice_settings(config), SPEED, 3) as bench:
+    with ThreadedBench(practice_settings(config), SPEED, 3) as bench:
         pointed = with_folder(bench.configure(config), tmp_path / "sessions")
         controller = SessionController(pointed, SPEED, bench)
+        controller.reviewer._worker = ThreadedWorker()
 
         async def record() -> None:
             controller.session.begin(SETUP)
@@ -502,6 +504,7 @@ def test_a_trial_a_second_start_an_alarm_and_a_new_controller_that_resumes(
     safety = config.safety.model_copy(update={"force_ceiling_n": 15.0})  # the first weight exceeds it
     config = with_folder(config, tmp_path).model_copy(update={"safety": safety})
     first, second = (SessionController(config, SPEED, bench) for _ in range(2))
+    second.reviewer._worker = ThreadedWorker()
 
     async def record() -> None:
         first.session.begin(SETUP)

@@ -44,7 +44,7 @@ from station.session.trial_daemon import Telemetry
 from station.session.trial_runner import ForceLimits, LiveTrial, TrialProcess
 from station.terminal.events import TrialMonitor, WarningRaised
 from tests.station.console.served import write_config
-from tests.station.session.benched import Recorder, has_recorded, simulated_bench
+from tests.station.session.benched import Recorder, ThreadedBench, has_recorded, simulated_bench
 from tests.station.session.test_controller import SETUP, SPEED, until, with_folder
 from tests.timeout import scaled_timeout
 
@@ -228,7 +228,7 @@ def test_the_next_trial_of_a_simulated_bench_ends_the_capture_of_a_killed_record
 
     monkeypatch.setattr(TrialProcess, "start", started)
     config = load_config(write_config(tmp_path, hold_s=600.0))  # the test ends both trials
-    with SimulatedBench(practice_settings(config), SPEED, 3) as bench:
+    with ThreadedBench(practice_settings(config), SPEED, 3) as bench:
         controller = SessionController(with_folder(bench.configure(config), tmp_path / "sessions"), SPEED, bench)
 
         def is_recording() -> bool:

@@ -22,6 +22,7 @@ from station.terminal.events import SessionEvent
 from station.terminal.sequencer import SessionSequencer
 from tests.station.child_process import end_process
 from tests.station.console.served import write_config
+from tests.station.session.benched import ThreadedBench, ThreadedWorker
 from tests.timeout import scaled_timeout
 
 SETUP = Setup("P01", "ab", ("hand",), 1, has_bounce=False, number="monday")
@@ -39,7 +40,7 @@ def remote_bench(
     """A bench that is as fast as it is handled. Its captures are started by the station, or by any client."""
     folder.mkdir(exist_ok=True)
     config = load_config(write_config(folder, hold_s=4.0, swing_s=5.0))
-    with SimulatedBench({**simulator_settings(config), "operator": {"capture": "remote"}}, None, 3) as bench:
+    with ThreadedBench({**simulator_settings(config), "operator": {"capture": "remote"}}, None, 3) as bench:
         data = bench.configure(config).model_dump(mode="json")
         data["mocap"]["control"] = control
         data["sync"]["timeout_s"] = timeout_s
@@ -74,6 +75,7 @@ def lead(
         requests: asyncio.Queue[Request] = asyncio.Queue()
         output = ScriptedOutput(requests, answer)
         controller = SessionController(config, None, bench)
+        controller.reviewer._worker = ThreadedWorker()
         try:
             if setup is None:
                 controller.session.resume(folder)
