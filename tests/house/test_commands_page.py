@@ -1,18 +1,21 @@
 """Every command of docs/commands.md, then of the README, is run in its order, in a folder with station.toml."""
 
 import json
+import multiprocessing
 import os
 import re
 import shlex
 import shutil
 import socket
 import subprocess
+import sys
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 import pytest
 
+from station.cli import main
 from station.messages.live_messages import LiveCode
 from tests.station.study.synthetic_sessions import write_sessions
 from tests.timeout import scaled_timeout
@@ -37,6 +40,15 @@ SHORTER = {
 }
 """Lines of station.toml, likewise."""
 NEEDS_DEVICES = ("simulate", "check", "record", "live")
+STARTED_ANEW = (*NEEDS_DEVICES, "serve", "info", "sweep")
+"""Verbs that run as a user starts them; the others in forks of a process that has imported what they import."""
+IMPORTED = (
+    __name__,
+    *("numba", "pandas", "matplotlib.pyplot", "scipy.signal", "scipy.stats"),
+    *("station.assessment.assess", "station.assessment.optimum", "station.report.verification"),
+    *("station.files.export_trial", "station.files.import_trial", "station.study.study_page"),
+)
+FORKS = multiprocessing.get_context("spawn" if sys.platform == "win32" else "forkserver")
 PLAN = """
 every = 100
 [vary]
@@ -93,9 +105,19 @@ class Desk:
         assert ran.returncode == FAILED and code in ran.stderr, f"station {shlex.join(words)}: {ran.stderr}"
 
     def _ended(self, words: list[str]) -> subprocess.CompletedProcess[str]:
+        if words[0] not in STARTED_ANEW:
+            return self._forked(words)
         return subprocess.run(  # noqa: S603  (commands of the page)
             self._words(words), check=False, cwd=self.folder, capture_output=True, text=True, env=plain_environment()
         )
+
+    def _forked(self, words: list[str]) -> subprocess.CompletedProcess[str]:
+        arguments = self._words(words)
+        fork = FORKS.Process(target=run_verb, args=(arguments, self.folder), daemon=True)
+        fork.start()
+        fork.join()
+        said = [(self.folder / name).read_text(encoding="utf-8") for name in ("stdout", "stderr")]
+        return subprocess.CompletedProcess(arguments, fork.exitcode, *said)
 
     @contextmanager
     def running(self, words: list[str], until: str) -> Iterator[subprocess.Popen[str]]:
@@ -135,6 +157,18 @@ class Desk:
         return [self._command, *words, *(() if "bounce" in words else QUICKER.get(words[0], ()))]
 
 
+def run_verb(arguments: list[str], folder: Path) -> None:
+    """Run the command line in this process, in the folder; what it prints is written to stdout and stderr there."""
+    environment = plain_environment()
+    os.environ.clear()
+    os.environ.update(environment)
+    os.chdir(folder)
+    for number, name in enumerate(("stdout", "stderr"), start=1):
+        os.dup2(os.open(name, os.O_WRONLY | os.O_CREAT | os.O_TRUNC), number)
+    sys.argv = arguments
+    main()
+
+
 def wait_for(child: subprocess.Popen[str], words: str) -> None:
     """Until it says these words."""
     assert child.stdout is not None
@@ -172,6 +206,7 @@ def plain_environment() -> dict[str, str]:
 
 def test_every_command_of_the_page_runs_in_its_order(tmp_path: Path) -> None:
     desk = Desk(tmp_path)
+    FORKS.set_forkserver_preload([*IMPORTED])
     with ExitStack() as devices:
         for words in examples():
             if words[0] not in NEEDS_DEVICES:
