@@ -6,6 +6,7 @@ import sys
 from bisect import bisect_right
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -49,11 +50,12 @@ def test_a_file_cut_in_its_index_loses_nothing(whole: Path, tmp_path: Path) -> N
 
 
 @pytest.mark.parametrize(
-    ("seconds", "cuts"), [(3.7, 20), *(pytest.param(*case, marks=pytest.mark.slow) for case in ((3.7, 60), (60.0, 8)))]
+    ("seconds", "cuts"), [(3.7, 20), *(pytest.param(*case, marks=pytest.mark.slow) for case in ((3.7, 40), (60.0, 2)))]
 )
 def test_every_cut_keeps_exactly_the_whole_chunks(tmp_path: Path, seconds: float, cuts: int) -> None:
+    """The long file has hundreds of chunks, the short one is cut at many places, in both cases at different ones."""
     victim = Victim(whole_file(tmp_path, seconds), tmp_path)
-    for size in np.random.default_rng(4).integers(0, len(victim.data) + 1, cuts).tolist():
+    for size in np.random.default_rng(cuts).integers(0, len(victim.data) + 1, cuts).tolist():
         victim.ensure_cut_is_recovered(size)
     assert len(victim.kept) > cuts / 2
 
@@ -208,7 +210,7 @@ class Victim:
         self.starts = chunk_starts(self.whole)
         self.messages = _messages(self.whole)
         self.counts = _messages_by_chunk(self.whole)
-        self._seen: dict[int, bytes] = {}  # by number of whole chunks, what a recovery made of them
+        self._seen: dict[int, tuple[bytes, list[Any]]] = {}  # by number of whole chunks, a recovery and its items
         self._spoilt, self._output = self.folder / "spoilt.mcap", self.folder / "spoilt.recovered.mcap"
 
     def ensure_cut_is_recovered(self, size: int) -> None:
@@ -222,9 +224,8 @@ class Victim:
             assert chunks == 0
             return
         recovered = report.output.read_bytes()
-        assert items_of(open_recording(report.output)) == items_of(open_recording(self._spoilt))
         if chunks not in self._seen:
-            self._seen[chunks] = recovered
+            self._seen[chunks] = recovered, items_of(open_recording(report.output))
             messages = self.messages[: sum(self.counts[:chunks])]
             assert _messages(report.output) == messages
             assert len(messages) == sum(topic.messages for topic in report.contents.topics.values())
@@ -236,7 +237,7 @@ class Victim:
             assert recover(self._spoilt) == report
             assert report.output.read_bytes() == recovered
             assert report.lossless == (chunks == len(self.ends))
-        assert recovered == self._seen[chunks]
+        assert (recovered, items_of(open_recording(self._spoilt))) == self._seen[chunks]
         self.kept.append(sum(self.counts[:chunks]))
 
     def ensure_flip_is_recovered(self, bit: int) -> None:

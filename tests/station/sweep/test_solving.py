@@ -9,11 +9,13 @@ from pathlib import Path
 from urllib.error import HTTPError
 from urllib.request import urlopen
 
+import dask
 import numpy as np
 import pandas as pd
 import psutil
 import pytest
 from distributed import Client
+from distributed.utils import get_mp_context
 
 from solver.uncertainty.factors import normal_scores, unit_sample
 from station.assessment.budget_file import read_budget
@@ -65,8 +67,12 @@ def ran_through(plan: SweepPlan) -> bytes:
 
 @pytest.fixture(scope="module")
 def client() -> Iterator[Client]:
-    with connected(None, 2) as client:
-        yield client
+    """Workers are forks of a process with their imports, except on Windows; those of docs/commands.md are started anew."""
+    method = "spawn" if sys.platform == "win32" else "forkserver"
+    with dask.config.set({"distributed.worker.multiprocessing-method": method}):
+        get_mp_context().set_forkserver_preload(["distributed", "station.sweep.dataset"])
+        with connected(None, 2) as client:
+            yield client
 
 
 def at(count: int, act: Callable[[], None]) -> Callable[[str, int, int], None]:
