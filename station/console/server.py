@@ -169,6 +169,7 @@ def serve(
             show=False,
             reload=False,
             show_welcome_message=False,
+            tailwind=False,
             language="en-US",
             gzip_middleware_factory=CompressionMiddleware,
             timeout_graceful_shutdown=SHUTDOWN_TIMEOUT_S,
@@ -283,5 +284,6 @@ def serve_live(folder: Path, port: int) -> None:
             show=False,
             reload=False,
             show_welcome_message=False,
+            tailwind=False,
             gzip_middleware_factory=CompressionMiddleware,
         )

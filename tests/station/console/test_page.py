@@ -3,9 +3,12 @@
 import asyncio
 import gc
 import math
+import re
 from collections.abc import Awaitable
+from pathlib import Path
 from typing import Any
 
+import nicegui
 import pytest
 from nicegui import Client, ui
 from nicegui.page import page
@@ -14,7 +17,7 @@ from station.console.actions import _unless_late
 from station.console.charts import DISPLACEMENT_AXIS, ELEVATION_AXIS, force_over_motion
 from station.console.kept_form import keep_form
 from station.console.live_view import best_text, delivery_text, most_active, rest_length_text, share_text
-from station.console.page import _Page
+from station.console.page import HERE, _Page
 from station.console.running_view import _over_time
 from station.console.setup_view import _parse_masses
 from station.live.published import LiveBest, LiveDelivery, LiveUpdate
@@ -22,6 +25,9 @@ from station.messages.session_messages import CommandCode
 from station.session.open_session import CommandRefused
 from tests.refusals import raises_refusal
 from tests.station.console.live_source import live_setup
+
+SELECTED_BY_SCRIPTS = {"body", "live-numbers", "mark-button", "note", "session", "sessions"}
+"""Classes without a rule of their own: the page's scripts or the tests find elements by them."""
 
 
 @pytest.mark.parametrize(
@@ -166,3 +172,13 @@ def test_frames_left_out_and_updates_not_shown_are_counted() -> None:
 
 def test_a_rest_length_has_millimetres() -> None:
     assert "0.705 m" in rest_length_text(0.705) and not rest_length_text(math.nan)
+
+
+def test_every_class_of_the_page_has_a_rule() -> None:
+    """No Tailwind compiles in the browser what the style sheets lack."""
+    sources = "".join(path.read_text(encoding="utf-8") for path in HERE.glob("*.py"))
+    used = {name for names in re.findall(r'classes\((?:add=)?"([^"]*)"', sources) for name in names.split()}
+    sheets = [*HERE.glob("*.css"), *Path(nicegui.__file__).parent.glob("static/*.css")]
+    rules = re.findall(r"\.((?:[\w-]|\\[:/])+)", "".join(path.read_text(encoding="utf-8") for path in sheets))
+    assert len(used) > 80
+    assert used - {rule.replace("\\", "") for rule in rules} == SELECTED_BY_SCRIPTS
