@@ -42,7 +42,7 @@ def assert_whole(contents: Contents) -> None:
 
 
 def test_a_session_from_set_up_to_report_with_a_trial_redone(browser: Browser, tmp_path: Path, pictures: Path) -> None:
-    with ServedConsole(write_config(tmp_path, migration_m=0.03), "--simulated", "--speed", "2") as console:
+    with ServedConsole(write_config(tmp_path, migration_m=0.03), "--simulated", "--speed", "3") as console:
         page = open_page(browser, console.address)
         requested: set[str] = set()
         page.on("request", lambda request: requested.add(request.url))
