@@ -31,14 +31,14 @@ from tests.timeout import scaled_timeout
 
 SESSION = Path("simulated", "monday")
 PLAN = ("--config", "station.toml", "--simulated", "--speed", "30", "--subject", "P01")
-KILLS, LIVE_KILLS = (20, 10) if sys.platform == "win32" else (6, 4)
+KILLS, LIVE_KILLS = (20, 10) if sys.platform == "win32" else (4, 4)
 WEARER = """
 [body]
 markers = ["ij", "px", "c7", "t8", "ac", "aa", "ts", "ai", "gu", "EpL", "EpM"]
 arm = ["ac", "EpL"]
 trunk = ["c7", "t8"]
 cycles = 3
-pose_s = 120.0
+pose_s = 60.0
 conditions = ["unsuited"]
 
 [live]
@@ -111,14 +111,12 @@ def test_a_result_that_another_program_holds_open_is_kept_and_replaced_once_it_i
     lab: Path, verb: str, name: str
 ) -> None:
     path = lab / SESSION / name
-    before = path.read_bytes()
-    with held(path):
-        ran = station(lab, verb, str(SESSION))
-    if sys.platform == "win32":
+    if sys.platform == "win32":  # elsewhere a file that is open can be replaced
+        before = path.read_bytes()
+        with held(path):
+            ran = station(lab, verb, str(SESSION))
         assert ran.returncode == 1 and ran.stderr.count(name) == 1 and "Traceback" not in ran.stderr, ran.stderr
         assert path.read_bytes() == before
-    else:
-        assert ran.returncode == 0, ran.stderr
     with held(path, until_drafted=True):
         ran = station(lab, verb, str(SESSION))
     assert ran.returncode == 0, ran.stderr
@@ -157,10 +155,10 @@ def test_a_session_survives_kills_of_its_recorder_and_terminal_at_random_moments
     """The station recovers the file of a killed recorder. The recorder of a killed terminal records its trial to the
     end, because the simulated bench outlives the terminal, too."""
     folder, random = lab_folder(tmp_path), np.random.default_rng(25)
-    for number in range(KILLS):
+    for number, wait_s in enumerate(random.permutation(np.arange(KILLS) + random.uniform(size=KILLS)) * 0.3 / KILLS):
         with Headless(folder, *PLAN, "--session", str(SESSION)) as terminal:
             until_recording(terminal)
-            threading.Event().wait(random.uniform(0.0, 0.3))
+            threading.Event().wait(wait_s)
             program = psutil.Process(terminal.child.pid)
             recorders = children_that_run("station.session.trial_daemon", program)
             if number % 2 == 0:
