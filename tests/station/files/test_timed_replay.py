@@ -10,13 +10,14 @@ from recordings.errors import RecordingError
 from recordings.reader import open_recording
 from recordings.recovery import recover
 from station.bench.bench_clock import BenchClock
-from station.bench.simulation import SimulatedBench, simulator_settings
+from station.bench.simulation import simulator_settings
 from station.bench.trial_recorder import TrialRecorder
 from station.config import parse_config
 from station.files.timed_replay import replay
 from station.fit import fit_session_folder
 from station.protocol import TrialSpec
 from tests.station.bench.test_trial_recorder import SPEC, Rig
+from tests.station.session.benched import ThreadedBench
 
 AGAIN_SPEED = 500.0
 CUFF = {
@@ -79,7 +80,7 @@ def record_pair(folder: Path) -> Iterator[tuple[TrialSpec, Path]]:
         },
         "the test",
     )
-    with SimulatedBench(simulator_settings(config), None, 5) as bench:
+    with ThreadedBench(simulator_settings(config), None, 5) as bench:
         for test in ("static", "dynamic"):
             bench.request({"trial": {"cuff": "hand", "test": test}})
             spec = TrialSpec("hand", test, 1)

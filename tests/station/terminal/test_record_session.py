@@ -18,7 +18,7 @@ from typing import Any
 import pytest
 
 from recordings.reader import open_recording
-from station.bench.simulation import SimulatedBench, clock_port, practice_settings
+from station.bench.simulation import clock_port, practice_settings
 from station.config import StationConfig, load_config, parse_config
 from station.journal import Setup, read_journal, write_setup
 from station.messages.bench_messages import CueCode, RefusalCode
@@ -37,7 +37,7 @@ from station.terminal.events import (
 from tests.station.child_process import STOP, press
 from tests.station.command import Ran, assert_refused
 from tests.station.console.served import write_config
-from tests.station.session.benched import simulated_bench
+from tests.station.session.benched import ThreadedBench, ThreadedWorker, simulated_bench
 from tests.station.terminal.practice import PATIENCE_S, Headless, lead
 from tests.station.wearer import CYCLES, wearer_config
 from tests.timeout import scaled_timeout
@@ -317,6 +317,7 @@ def test_terminal_and_console_resume_each_other_s_session_during_a_trial_and_bef
 async def _go_on_at_the_console(path: Path, folder: Path, bench: object) -> None:
     config = load_config(path)
     controller = SessionController(config, SPEED, None, clock_port(config))
+    controller.reviewer._worker = ThreadedWorker()
     try:
         controller.session.resume(folder)
         async with asyncio.timeout(scaled_timeout(PATIENCE_S)):
@@ -352,7 +353,7 @@ def test_the_pose_is_skipped_and_the_motion_recorded_judged_and_kept(tmp_path: P
     def answer(event: SessionEvent) -> str | None:
         return next(commands) if isinstance(event, Waiting) else None
 
-    with SimulatedBench(practice_settings(config), None, 3) as bench:
+    with ThreadedBench(practice_settings(config), None, 3) as bench:
         output = lead(bench, bench.configure(config), folder, answer, SETUP)
     assert [(trial.test, trial.condition) for trial in output.of(NextTrial)] == [("pose", None), ("motion", "unsuited")]
     assert [skipped.test for skipped in output.of(TrialSkipped)] == ["pose"]
