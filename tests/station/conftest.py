@@ -15,7 +15,6 @@ from station import cli
 from station.errors import StationError
 from tests.made_once import made_once
 from tests.station.command import Ran, command_of
-from tests.station.reported import report_session
 from tests.station.wearer import WearerSession, record_wearer
 
 
@@ -27,6 +26,8 @@ def wearer(tmp_path_factory: pytest.TempPathFactory) -> WearerSession:
 @pytest.fixture(scope="session")
 def reported(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A session with its report (tests/station/reported.py). Tests read it; who writes copies it."""
+    from tests.station.reported import report_session  # with all that a report needs, for the tests that have one
+
     return made_once(tmp_path_factory, "reported", report_session)
 
 

@@ -14,7 +14,6 @@ from station.bench.bench_clock import BenchClock
 from station.bench.simulation import simulator_settings
 from station.bench.trial_recorder import TrialRecorder, TrialResult
 from station.config import StationConfig, parse_config
-from station.demo import demo_config
 from station.protocol import TrialSpec
 
 SOFT_TISSUE_MM = 2.0
@@ -37,6 +36,8 @@ BODY: dict[str, Any] = {
 
 
 def wearer_config() -> StationConfig:
+    from station.demo import demo_config  # with all that a demo needs, while other tests need the type alone
+
     plain = demo_config().model_dump(mode="json")
     plain["cuffs"] = {"hand": plain["cuffs"]["hand"]}
     plain["body"], plain["sync"]["stop_edge"] = BODY, "end_of_frame"
