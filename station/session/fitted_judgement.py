@@ -30,18 +30,15 @@ from fitting.wearer.wearer_trial import WearerTrial, read_wearer_trial
 from recordings.errors import RecordingError
 from recordings.manifest import MeasurementProtocol, TestKind
 from recordings.reader import Recording, open_recording
-from solver.scaling import largest_motion
 from station.config import ProtocolSection
 from station.cuff_text import SHOWN
 from station.emg.trials import EmgFileError, extract_emg
 from station.fit import SessionError, fit_trial_donning, read_recording
 from station.journal import Choice, JournalError, Recorded, read_journal
-from station.kinematics.marker_checks import MOVING
 from station.messages.bench_messages import TrialCode
 from station.messages.emg_messages import FINDING_TEXT
 from station.messages.session_messages import ReasonCode
 from station.protocol import BODY_TESTS, describe_trial
-from station.report.wearer_section import motion_drawing
 from station.session.guide import Cue, guide_for
 from station.session.judgement import MISSING, Judgement, Reason, Row, TrialQuantity, notes_at_the_bench
 
@@ -360,12 +357,17 @@ def examine_wearer_trial(path: Path) -> WearerFindings:
     """Raises UnusableTrial and RecordingError."""
     trial = read_wearer_trial(path)
     parts = (_markers(trial), _pose(trial), _motion(trial), _cord(trial), _emg(trial))
+    drawing = ""
+    if trial.manifest.test == "motion":
+        from station.report.wearer_section import motion_drawing  # report and solver: trials of cuffs need neither
+
+        drawing = motion_drawing(path, trial)
     return WearerFindings(
         tuple(reason for part in parts for reason in part.reasons),
         {name: text for part in parts for name, text in part.quantities.items()},
         (*notes_at_the_bench(trial.notes), *(note for part in parts for note in part.notes)),
         trial.marks,
-        motion_drawing(path, trial) if trial.manifest.test == "motion" else "",
+        drawing,
     )
 
 
@@ -404,6 +406,9 @@ def _markers(trial: WearerTrial) -> WearerFindings:
 def _pose(trial: WearerTrial) -> WearerFindings:
     if trial.manifest.test != "pose":
         return _found()
+    from solver.scaling import largest_motion  # as above
+    from station.kinematics.marker_checks import MOVING
+
     places = trial.markers[:, [trial.labels.index(label) for label in trial.body.body]]
     marker, moved = largest_motion(trial.body.body, places)
     quantities = {"largest movement [mm]": f"{rounded(1e3 * moved, 1)} ({marker})"}

@@ -70,8 +70,9 @@ PROGRAMS: tuple[dict[str, set[str]], ...] = (
     {
         "station.session.trial_daemon": {"scipy", "numba", "pandas", "rich", "nicegui"},
         "station.session.worker": {"scipy", "numba", "pandas", "rich", "nicegui"},
-        "station.console.server": {"scipy", "numba", "rich", "solver.model", "aiohttp", "requests", "tornado"},
-        "station.terminal.sequencer": {"scipy", "numba"},
+        "station.session.fitted_judgement": {"scipy.linalg", "scipy.signal", "numba", "solver.model", "rich"},
+        "station.console.server": {"scipy.linalg", "numba", "rich", "solver.model", "aiohttp", "requests", "tornado"},
+        "station.terminal.sequencer": {"scipy.linalg", "scipy.signal", "numba"},
     },
     {"station.bench.simulator_process": UNUSED_BY_BENCH},
 )
