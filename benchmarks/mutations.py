@@ -50,6 +50,7 @@ MODULES: dict[str, tuple[str, ...]] = {  # module → test files besides tests/F
     "fitting.static.held_loads": ("tests/fitting/static/test_held_loads.py",),
     "fitting.static.stiffness": ("tests/fitting/static/test_held_loads.py",),
     "fitting.study.power": (),
+    "fitting.study.restricted_likelihood": ("tests/fitting/study/test_variance_components.py",),
     "fitting.study.variance_components": (),
     "fitting.trial.calibration": (),
     "fitting.trial.clocks": ("tests/fitting/trial/test_sync_line.py",),

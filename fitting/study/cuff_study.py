@@ -30,8 +30,8 @@ import numpy as np
 import scipy
 
 from fitting.results.codes import FitOutcome
+from fitting.study.restricted_likelihood import Array
 from fitting.study.variance_components import (
-    Array,
     Component,
     ComponentOutcome,
     Factor,

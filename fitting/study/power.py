@@ -15,7 +15,7 @@ import numpy as np
 import scipy
 
 from documents.validation import NonNegative
-from fitting.study.variance_components import Array
+from fitting.study.restricted_likelihood import Array
 
 
 @dataclass(frozen=True)

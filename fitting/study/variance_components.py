@@ -3,201 +3,37 @@
 A component and a ratio of components have profile-likelihood intervals. The interval holds the values whose profile
 deviance exceeds the least one by at most q. For few levels q is larger than the quantile of χ²₁: it is the one for
 which the interval of a variance estimated by s² ~ σ² χ²_ν / ν covers 95 %.
-
-Restricted likelihood of a linear mixed model with known error covariance:
-
-    y = X β + Σ_i Z_i u_i + e,   u_i ~ N(0, θ_i I),   e ~ N(0, R), R known
-    V(θ) = R + Σ_i θ_i Z_i Z_i'
-
-Error contrasts K'y with K'X = 0 have the restricted likelihood (Patterson and Thompson 1971, Biometrika 58:545)
-
-    −2 ℓ(θ) = log |K'VK| + (K'y)' (K'VK)⁻¹ (K'y)
-
-up to a constant. K is an orthonormal basis, so that no fixed effect appears below.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from enum import StrEnum
-from functools import cache, cached_property
+from functools import cache, partial
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 from scipy.linalg import lapack
 
 from documents.interval import counted
 from fitting.errors import FitError
 from fitting.results.codes import FitOutcome
-
-Array = NDArray[np.float64]
-
-ROUNDS = 200
-SMALLEST_STEP = 1e-5
-"""Standard errors by which a component may still change in the last round."""
-PROFILE_STEP = 1e-2
-"""The same for a profile: the deviance changes by its square, 1e-4, of the 3.8 and more at which an interval ends."""
-HALVINGS = 40
-ROUNDING = 1e-9
-"""A step may raise the deviance by so much, else rounding would end the search before it converges."""
-SEPARATE = 1e-8
-"""Part of a matrix that has to be independent of the others, for its component to be separated from theirs."""
-
-
-@dataclass(frozen=True)
-class ErrorContrasts:
-    """K'y (m,) over `scale`, the unit of y; K'RK (m, m) over its square; roots K'Z_i (m, levels)."""
-
-    values: Array
-    known: Array
-    roots: tuple[Array, ...]
-    scale: float
-
-    @property
-    def count(self) -> int:
-        """Number of variance components."""
-        return len(self.roots)
-
-    @cached_property
-    def products(self) -> Array:
-        """K'Z_i Z_i'K (components, m, m)."""
-        return np.array([root @ root.T for root in self.roots]).reshape(self.count, *self.known.shape)
-
-    @cached_property
-    def columns(self) -> Array:
-        """All roots, then the values (m, all levels + 1)."""
-        return np.asfortranarray(np.column_stack((*self.roots, self.values)))
-
-    @cached_property
-    def owners(self) -> Array:
-        """1 where a column is one of the component (all levels, components)."""
-        return np.repeat(np.eye(self.count), [root.shape[1] for root in self.roots], axis=0)
-
-    def covariance(self, theta: Array) -> Array:
-        """K'V(θ)K (m, m)."""
-        return self.known + (theta @ self.products.reshape(self.count, self.known.size)).reshape(self.known.shape)
-
-
-@dataclass(frozen=True)
-class Curvature:
-    """−2 ℓ at θ and its gradient (components,); expected and observed information of ℓ (components, components)."""
-
-    deviance: float
-    gradient: Array
-    information: Array
-    observed: Array
-
-
-@dataclass(frozen=True)
-class RemlSolution:
-    """θ (components,) that maximises the restricted likelihood over θ ≥ 0, over the square of the scale."""
-
-    theta: Array
-    curvature: Curvature
-    outcome: FitOutcome
-
-
-def contrast(values: Array, fixed: Array, known: Array, incidences: Sequence[Array]) -> ErrorContrasts:
-    """Error contrasts of y (n,), X (n, p), R (n, n) and Z_i (n, levels). X has full column rank."""
-    basis = scipy.linalg.null_space(fixed.T)
-    contrasts = basis.T @ values
-    scale = float(np.linalg.norm(contrasts) / np.sqrt(max(1, contrasts.size)))
-    scale = scale or float(np.sqrt(np.trace(known) / len(known))) or 1.0
-    roots = tuple(_root(basis, incidence) for incidence in incidences)
-    return ErrorContrasts(contrasts / scale, basis.T @ known @ basis / scale**2, roots, scale)
-
-
-def dependencies(contrasts: ErrorContrasts) -> list[tuple[int, ...] | None]:
-    """For each matrix None if it is independent of those before it, else the indices of those that it is a sum of.
-
-    The tuple is empty for a matrix of zeros: the component has no influence on the contrasts.
-    """
-    found: list[tuple[int, ...] | None] = []
-    kept: list[int] = []
-    columns = contrasts.products.reshape(contrasts.count, contrasts.values.size**2).T
-    for index in range(contrasts.count):
-        column, before = columns[:, index], columns[:, kept]
-        weights = np.linalg.lstsq(before, column)[0] if kept else np.empty(0)
-        rest = float(np.linalg.norm(column - before @ weights))
-        if rest > SEPARATE * float(np.linalg.norm(column)):
-            found.append(None)
-            kept.append(index)
-        else:
-            found.append(tuple(kept[i] for i in np.flatnonzero(np.abs(weights) > SEPARATE)))
-    return found
-
-
-def evaluate(contrasts: ErrorContrasts, theta: Array) -> Curvature:
-    """Raises LinAlgError where V(θ) is singular."""
-    # LAPACK itself: what SciPy's functions do around it takes longer than these small matrices.
-    lower, failed = lapack.dpotrf(contrasts.covariance(theta), lower=1)
-    if failed:
-        raise scipy.linalg.LinAlgError("the covariance is singular")
-    whitened, _ = lapack.dtrtrs(lower, contrasts.columns, lower=1)
-    inner = whitened.T @ whitened
-    across, projected = inner[:-1, :-1], inner[:-1, -1]  # Z_i' V⁻¹ Z_j and Z_i' V⁻¹ y
-    owners = contrasts.owners
-    information = owners.T @ across**2 @ owners / 2
-    observed = owners.T @ (projected[:, np.newaxis] * projected * across) @ owners - information
-    gradient = (across.diagonal() - projected**2) @ owners
-    return Curvature(2 * float(np.log(lower.diagonal()).sum()) + float(inner[-1, -1]), gradient, information, observed)
-
-
-def maximise(
-    contrasts: ErrorContrasts, start: Array | None = None, smallest_step: float = SMALLEST_STEP
-) -> RemlSolution:
-    """Newton's method and Fisher scoring with θ ≥ 0: a component at zero whose likelihood falls with it is held there.
-
-    Raises LinAlgError where V is singular at the start, as for values without any variance.
-    """
-    theta = np.ones(contrasts.count) if start is None else start
-    here = evaluate(contrasts, theta)
-    for _ in range(ROUNDS):
-        free = (theta > 0) | (here.gradient < 0)
-        step = np.zeros_like(theta)
-        if free.any():
-            step[free] = _newton_step(here, free)
-        if np.sqrt(step @ here.information @ step) < smallest_step:
-            return RemlSolution(theta, here, FitOutcome.CONVERGED)
-        moved = _descend(contrasts, theta, here, step)
-        if moved is None:
-            break
-        theta, here = moved
-    return RemlSolution(theta, here, FitOutcome.NOT_CONVERGED)
-
-
-def _newton_step(here: Curvature, free: NDArray[np.bool_]) -> Array:
-    """Newton's step, or that of Fisher scoring where the observed information is not positive definite."""
-    score, chosen = -here.gradient[free] / 2, np.ix_(free, free)
-    _, step, failed = lapack.dposv(here.observed[chosen], score)
-    return scipy.linalg.lstsq(here.information[chosen], score)[0] if failed else step
-
-
-def _descend(contrasts: ErrorContrasts, theta: Array, here: Curvature, step: Array) -> tuple[Array, Curvature] | None:
-    """The longest of halved steps that lowers the deviance; None if not even the shortest does."""
-    for halving in range(HALVINGS):
-        tried = np.maximum(0.0, theta + step / 2**halving)
-        try:
-            there = evaluate(contrasts, tried)
-        except scipy.linalg.LinAlgError:
-            continue
-        if there.deviance <= here.deviance + ROUNDING and not np.array_equal(tried, theta):
-            return tried, there
-    return None
-
-
-def _root(basis: Array, incidence: Array) -> Array:
-    """K'Z; of a factor with a level for every observation the identity, as K'ZZ'K = K'K."""
-    if incidence.shape[0] == incidence.shape[1]:
-        return np.eye(basis.shape[1])
-    root: Array = basis.T @ incidence
-    if np.linalg.norm(root) < SEPARATE * np.linalg.norm(incidence):
-        root[:] = 0.0  # a factor of one level is in the fixed effects
-    return root
-
+from fitting.study.restricted_likelihood import (
+    ROUNDS,
+    Array,
+    Curvature,
+    ErrorContrasts,
+    Likelihood,
+    RemlSolution,
+    contrast,
+    dependencies,
+    evaluate,
+    maximise,
+    maximise_from,
+)
 
 LEVEL = 0.95
 PRECISION = 1e-3
@@ -205,11 +41,15 @@ PRECISION = 1e-3
 WIDEST = 1e6
 """An upper end beyond so many times the scale of the data is not found."""
 
+PROFILE_STEP = 1e-2
+"""Standard errors by which another component of a profile may still change in the last round: the deviance changes by
+its square, 1e-4, of the 3.8 and more at which an interval ends."""
 INSIDE = 1e-3
 """Component, over the square of the scale of the data, from which a search starts where zero would end it."""
-
-Profile = Callable[[float, Array], RemlSolution]
-"""Value, start → the solution under the constraint that the function has this value."""
+LARGEST_CHANGE = 2.0
+"""Change of the logarithm of a value in a round of the search for an end."""
+SMALLEST_RATIO = 0.1
+"""Of an estimate to the first value above it."""
 
 
 class TooFewObservations(FitError):
@@ -321,9 +161,11 @@ def fit_components(
     if len(values) <= fixed.shape[1]:
         raise TooFewObservations(f"{counted(len(values), 'observation')}, expected more than {fixed.shape[1]}")
     incidences = [factor.incidence() for factor in factors]
-    found = dependencies(contrast(values, fixed, known, incidences))
+    contrasts = contrast(values, fixed, known, incidences)
+    found = dependencies(contrasts)
     kept = [i for i, others in enumerate(found) if others is None]
-    contrasts = contrast(values, fixed, known, [incidences[i] for i in kept])
+    if len(kept) < len(factors):
+        contrasts = replace(contrasts, roots=tuple(contrasts.roots[i] for i in kept))
     solution = _solve(contrasts)
     unit = contrasts.scale**2
     components = {factor.name: _missing(factor, others, factors) for factor, others in zip(factors, found, strict=True)}
@@ -378,33 +220,48 @@ def component_interval(contrasts: ErrorContrasts, solution: RemlSolution, index:
 
     dof: degrees of freedom of the component if nothing else varied, its levels − 1.
     """
-    others, fixed = _split(contrasts, index)
-
-    def fix(value: float, start: Array) -> RemlSolution:
-        known = contrasts.known + value * fixed
-        return maximise(replace(contrasts, known=known, roots=others), start, PROFILE_STEP)
-
-    estimate = float(solution.theta[index])
-    return _interval(fix, estimate, np.delete(solution.theta, index), solution, deviance_quantile(dof))
+    return _interval(partial(evaluate, contrasts), solution, index, dof)
 
 
 def ratio_interval(
     contrasts: ErrorContrasts, solution: RemlSolution, index: int, noise: float, dof: int
 ) -> tuple[float, float]:
     """Ends for ρ = θ_index / (Σ θ + noise), by the odds ρ / (1 − ρ); noise is over the square of the scale."""
-    others, fixed = _split(contrasts, index)
-
-    def fix(odds: float, start: Array) -> RemlSolution:
-        known = contrasts.known + odds * noise * fixed
-        roots = tuple(np.hstack([root, math.sqrt(odds) * contrasts.roots[index]]) for root in others)
-        return maximise(replace(contrasts, known=known, roots=roots), start, PROFILE_STEP)
-
     rest = float(np.delete(solution.theta, index).sum()) + noise
     if rest <= 0:
         return (math.nan, 1.0)
-    odds = float(solution.theta[index]) / rest
-    ends = _interval(fix, odds, np.delete(solution.theta, index), solution, deviance_quantile(dof))
-    return (ends[0] / (1 + ends[0]), ends[1] / (1 + ends[1]))
+    likelihood = partial(_evaluate_odds, contrasts, index, noise)
+    with_odds = solution.theta.copy()
+    with_odds[index] /= rest
+    best = replace(solution, theta=with_odds, curvature=likelihood(with_odds))
+    levels = [math.inf if i == index else root.shape[1] for i, root in enumerate(contrasts.roots)]
+
+    def start_low(odds: float) -> list[Array]:
+        """The share is small, too, where the component of the fewest levels is large: the deviance has two minima."""
+        large = with_odds.copy()
+        large[np.argmin(levels)] += float(solution.theta[index]) * (1 / odds - 1 / with_odds[index])
+        return [with_odds, large]
+
+    low, high = _interval(likelihood, best, index, dof, start_low if len(levels) > 1 else None)
+    return (low / (1 + low), high / (1 + high))
+
+
+def _evaluate_odds(contrasts: ErrorContrasts, index: int, noise: float, coordinates: Array) -> Curvature:
+    """The curvature by the odds θ_index / (Σ others + noise), in the place of θ_index, and the other components."""
+    odds, rest = coordinates[index], coordinates.sum() - coordinates[index] + noise
+    theta = coordinates.copy()
+    theta[index] = odds * rest
+    here = evaluate(contrasts, theta)
+    by_coordinates = np.eye(len(theta))
+    by_coordinates[index] = odds
+    by_coordinates[index, index] = rest
+    observed = by_coordinates.T @ here.observed @ by_coordinates
+    second = here.gradient[index] / 2  # θ_index is the product of the odds and the rest
+    observed[index] += second
+    observed[:, index] += second
+    observed[index, index] -= 2 * second
+    information = by_coordinates.T @ here.information @ by_coordinates
+    return Curvature(here.deviance, here.gradient @ by_coordinates, information, observed)
 
 
 @cache
@@ -418,49 +275,117 @@ def deviance_quantile(dof: int) -> float:
 
 def _coverage(quantile: float, dof: int) -> float:
     """P(ν (x − 1 − log x) ≤ q) for ν x ~ χ²_ν."""
-    low, high = -scipy.special.lambertw(-math.exp(-1 - quantile / dof), [0, -1]).real
+    low, high = _quantile_roots(quantile / dof)
     return float(scipy.stats.chi2.cdf(dof * high, dof) - scipy.stats.chi2.cdf(dof * low, dof))
 
 
-def _split(contrasts: ErrorContrasts, index: int) -> tuple[tuple[Array, ...], Array]:
-    """The roots of the other components, and Z Z' (m, m) of this one."""
-    root = contrasts.roots[index]
-    return contrasts.roots[:index] + contrasts.roots[index + 1 :], root @ root.T
+def _quantile_roots(excess: float) -> Array:
+    """The two x for which x − 1 − log x is the excess."""
+    return np.asarray(-scipy.special.lambertw(-math.exp(-1 - excess), [0, -1]).real)
 
 
 def _interval(
-    fix: Profile, estimate: float, start: Array, solution: RemlSolution, quantile: float
+    likelihood: Likelihood,
+    best: RemlSolution,
+    index: int,
+    dof: int,
+    start_low: Callable[[float], list[Array]] | None = None,
 ) -> tuple[float, float]:
-    highest = solution.curvature.deviance + quantile
-    last = start
+    """Ends for a coordinate of the likelihood, which is best at the solution; start_low: starts for a low value."""
+    quantile = deviance_quantile(dof)
+    at_zero = _profile(likelihood, index, 0.0, [_extrapolate(best, index, 0.0)])
+    first, last = _first_values(best, index, quantile)
+    low = 0.0
+    if not at_zero or at_zero[0].curvature.deviance > best.curvature.deviance + quantile:
+        low = _end(likelihood, best, index, quantile, first, start_low)
+    return low, _end(likelihood, best, index, quantile, last)
 
-    @cache
-    def deviance(value: float) -> float:
-        nonlocal last
-        for begin in (last, np.maximum(last, INSIDE)):
-            try:
-                found = fix(value, begin)
-                break
-            except scipy.linalg.LinAlgError:  # on the border of θ ≥ 0, where no noise is known
+
+def _first_values(best: RemlSolution, index: int, quantile: float) -> tuple[float, float]:
+    """Both ends for the curvature at the solution; above zero, for a variance estimated by s² ~ σ² χ²_ν / ν."""
+    value, tangent = float(best.theta[index]), _tangent(best, index)
+    curvature = float(tangent @ best.curvature.information @ tangent)
+    if value == 0:
+        slope = float(best.curvature.gradient[index])
+        return 0.0, 2 * quantile / (slope + math.sqrt(slope**2 + 4 * quantile * curvature))
+    ratios = _quantile_roots(quantile / (2 * curvature * value**2))
+    return float(value / ratios[1]), float(value / max(ratios[0], SMALLEST_RATIO))
+
+
+def _end(
+    likelihood: Likelihood,
+    best: RemlSolution,
+    index: int,
+    quantile: float,
+    value: float,
+    restart: Callable[[float], list[Array]] | None = None,
+) -> float:
+    """Value at which the profile deviance exceeds the least one by the quantile, from a value on; NaN beyond WIDEST.
+
+    Newton's method for the root of the excess over the logarithm of the value, between a value inside the interval and
+    one outside. By the envelope theorem, the derivative of a profile is the partial one. An end is searched for again
+    from the starts of `restart`, if there are any.
+    """
+    inside, is_upper = float(best.theta[index]), value > best.theta[index]
+    outside, found = math.inf if is_upper else 0.0, [best]
+    starts = restart(value) if restart else [_extrapolate(best, index, value)]
+    for _ in range(ROUNDS):
+        there = _profile(likelihood, index, value, starts)
+        excess = there[0].curvature.deviance - best.curvature.deviance if there else math.inf
+        inside, outside = (value, outside) if excess < quantile else (inside, value)
+        if inside >= WIDEST:
+            break
+        following = math.nan
+        slope = value * float(there[0].curvature.gradient[index]) if there else math.nan
+        if excess > 0 and (slope > 0 if is_upper else slope < 0):
+            change = 2 * (math.sqrt(quantile * excess) - excess) / slope
+            following = value * math.exp(min(max(change, -LARGEST_CHANGE), LARGEST_CHANGE))
+            if abs(change) < PRECISION:
+                if restart is None:
+                    return following
+                starts, restart = [there[0].theta, *restart(value)], None
+                inside, outside = float(best.theta[index]), 0.0
                 continue
-        else:
-            return math.inf
-        last = found.theta
-        return found.curvature.deviance
-
-    low = 0.0 if deviance(0.0) <= highest else _crossing(deviance, highest, 0.0, estimate)
-    last, inner = start, estimate
-    outer = max(estimate, INSIDE)
-    while deviance(outer) < highest:
-        if outer >= WIDEST:
-            return (low, math.nan)
-        inner, outer = outer, min(4 * outer, WIDEST)
-    return (low, _crossing(deviance, highest, inner, outer))
+        if not min(inside, outside) < following < max(inside, outside):
+            following = (inside + min(outside, 9 * value)) / 2
+        value, found = min(following, WIDEST), there or found
+        starts = [_extrapolate(near, index, value) for near in found]
+    return math.nan
 
 
-def _crossing(deviance: Callable[[float], float], level: float, low: float, high: float) -> float:
-    """Value between low and high at which the deviance crosses the level; NaN where both ends lie on one side of it."""
-    try:
-        return float(scipy.optimize.brentq(lambda value: deviance(value) - level, low, high, rtol=PRECISION))
-    except ValueError:
-        return math.nan
+def _profile(likelihood: Likelihood, index: int, value: float, starts: Sequence[Array]) -> list[RemlSolution]:
+    """Different solutions with a value of the coordinate, the best first; none where V is singular."""
+    found: list[RemlSolution] = []
+    for start in starts:
+        for least in (0.0, INSIDE):  # V is singular at θ = 0 where no noise is known
+            begin = np.maximum(start, least)
+            begin[index] = value
+            with suppress(scipy.linalg.LinAlgError):
+                found.append(maximise_from(likelihood, begin, PROFILE_STEP, index))
+                break
+    found.sort(key=lambda solution: solution.curvature.deviance)
+    return [one for i, one in enumerate(found) if i == 0 or not _is_same(one, found[0])]
+
+
+def _is_same(one: RemlSolution, other: RemlSolution) -> bool:
+    """Whether both are the same but for the last step."""
+    change = one.theta - other.theta
+    return bool(change @ other.curvature.information @ change < (4 * PROFILE_STEP) ** 2)
+
+
+def _extrapolate(near: RemlSolution, index: int, value: float) -> Array:
+    """Coordinates of the profile at a value by its tangent at another one."""
+    return np.asarray(near.theta + _tangent(near, index) * (value - near.theta[index]))
+
+
+def _tangent(near: RemlSolution, index: int) -> Array:
+    """Derivatives of the coordinates of a profile by the held one; zero where the curvature does not give them."""
+    tangent = np.zeros_like(near.theta)
+    free = near.theta > 0
+    free[index] = False
+    if free.any():
+        observed = near.curvature.observed
+        _, others, failed = lapack.dposv(observed[np.ix_(free, free)], -observed[free, index])
+        tangent[free] = 0.0 if failed else others
+    tangent[index] = 1.0
+    return tangent

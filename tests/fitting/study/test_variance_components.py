@@ -8,24 +8,21 @@ from numpy.typing import NDArray
 from scipy import optimize, stats
 
 from fitting.results.codes import FitOutcome
-from fitting.study import variance_components
-from fitting.study.cuff_study import Observation
+from fitting.study import restricted_likelihood
+from fitting.study.cuff_study import Observation, _study_factors, fit_model
 from fitting.study.donning_spread import SpreadOutcome, estimate_donning_spread
+from fitting.study.restricted_likelihood import ErrorContrasts, contrast, dependencies, evaluate, maximise
 from fitting.study.variance_components import (
     ComponentOutcome,
-    ErrorContrasts,
     Factor,
     TooFewObservations,
     component_interval,
-    contrast,
-    dependencies,
     deviance_quantile,
-    evaluate,
     fit_components,
-    maximise,
     ratio_interval,
 )
 from tests.fitting.study.published import AIAG, PENICILLIN, SIRSTV
+from tests.fitting.study.test_cuff_study import draw_study
 
 Array = NDArray[np.float64]
 RNG = np.random.default_rng(7)
@@ -139,14 +136,14 @@ def test_a_round_is_the_longest_of_halved_steps_that_lowers_the_deviance(
     Newton's step is −θ (1 − share) / (2 share − 1). If the observed information, proportional to 2 share − 1, is
     negative, Fisher scoring reaches S at once. A step to θ ≤ 0 leaves a singular covariance.
     """
-    monkeypatch.setattr(variance_components, "ROUNDS", 1)
+    monkeypatch.setattr(restricted_likelihood, "ROUNDS", 1)
     rest = contrast(np.array([3.0, -3.0, 3.0, 3.0]), np.zeros((4, 0)), np.zeros((4, 4)), [np.eye(4)])
     assert maximise(rest, np.array([1 / share])).theta == pytest.approx([expected / share])
 
 
 @pytest.mark.parametrize("limit", ["ROUNDS", "HALVINGS"])
 def test_a_search_that_is_stopped_early_has_not_converged(limit: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(variance_components, limit, 0)
+    monkeypatch.setattr(restricted_likelihood, limit, 0)
     solution = maximise(one_way(), np.array([1.0, 1.0]))
     assert solution.outcome is FitOutcome.NOT_CONVERGED
     assert solution.theta.tolist() == [1.0, 1.0]
@@ -282,6 +279,24 @@ def test_the_interval_of_a_share_is_that_of_harville_s_profile(noise: float) -> 
     assert 0.2 < ends[0] < ends[1] < 0.9999
     for end in ends:
         assert profile(end / (1 - end)) - least == pytest.approx(deviance_quantile(2), rel=5e-3)
+
+
+def test_the_lower_end_of_a_share_is_that_of_the_lower_of_two_minima() -> None:
+    """Of three operators either little variance, or so much that the share of the volunteers is small beside it."""
+    measurements, _ = draw_study(np.random.default_rng(49))
+    model = fit_model(measurements, _study_factors(measurements))
+    contrasts, solution, noise = model.contrasts, model.solution, model.noise / model.contrasts.scale**2
+    low, _ = ratio_interval(contrasts, solution, 0, noise, 2)
+
+    def deviance(logs: Array) -> float:
+        others = np.exp(logs)
+        return evaluate(contrasts, np.array([low / (1 - low) * (others.sum() + noise), *others])).deviance
+
+    logs = np.log(solution.theta[1:] + 1e-3)
+    starts = [logs + np.array([0.0, 0.0, change]) for change in (-3.0, 0.0, 1.0, 3.0)]
+    least = [optimize.minimize(deviance, start, method="Nelder-Mead").fun for start in starts]
+    assert np.ptp(least) > 0.1, "two minima"
+    assert min(least) - solution.curvature.deviance == pytest.approx(deviance_quantile(2), abs=5e-3)
 
 
 def test_a_share_beside_known_noise_alone_has_the_ends_of_its_variance() -> None:
