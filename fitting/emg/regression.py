@@ -40,6 +40,7 @@ by 1/SIZE_FREEDOM under other slow noise (docs/emg.md).
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from itertools import product
 
 import numpy as np
@@ -77,8 +78,10 @@ IS_SLOW = np.array([time >= SLOW_S and white < 1.0 for white, _, time, _ in NOIS
 SIZE_FREEDOM = 24.0
 """Degrees of freedom of a size that varies: a coefficient of variation of 29 % of σ²."""
 IS_GAIN_DRIFT = IS_SLOW & np.array([proportional == PROPORTIONAL_PARTS[-1] for *_, proportional in NOISES])
-ROUGH_COVARIANCE: Array = np.diag([1.0, 0.0, 0.0])
-"""Of the state of noise with an exponential correlation, which has no derivatives."""
+TRANSITION: Array = np.array([[1.0, 1.0, 0.5], [0.0, 1.0, 1.0], [0.0, 0.0, 1.0]])
+"""Of the state of the Kalman filter over an interval, but for the decay."""
+DERIVATIVES_COVARIANCE: Array = np.array([[1, 0, -1 / 3], [0, 1 / 3, 0], [-1 / 3, 0, 1]])
+"""Of a process of order 5/2 and unit variance, its first derivative over a = √5/ℓ and its second over a²."""
 DRIFT_FREEDOM = 6.0
 """Chosen with PRIOR and SIZE_FREEDOM on 200 to 300 simulated pairs of each noise, judged on others (docs/emg.md)."""
 FINER = 20
@@ -195,12 +198,18 @@ def _times_correlation(vectors: Array, interval: float, power: int = 1) -> Array
     """
     samples = vectors.shape[-1]
     length = scipy.fft.next_fast_len(2 * samples - 1, real=True)
+    spectra = _spectra(length, interval, power)
+    spectra = spectra.reshape(-1, *(1,) * (vectors.ndim - 1), spectra.shape[1])
+    return np.asarray(scipy.fft.irfft(spectra * scipy.fft.rfft(vectors, length), length)[..., :samples])
+
+
+@lru_cache(maxsize=4)
+def _spectra(length: int, interval: float, power: int) -> NDArray[np.complex128]:
+    """(R, frequencies) of the circulant matrices."""
     ratio = np.divide.outer(interval * np.minimum(np.arange(length), length - np.arange(length)), CORRELATION_TIMES_S).T
     scaled = np.sqrt(5) * ratio
     rough, smooth = np.exp(-ratio), (1 + scaled + scaled**2 / 3) * np.exp(-scaled)
-    spectra = scipy.fft.rfft(np.concatenate((rough, smooth)) ** power)
-    spectra = spectra.reshape(-1, *(1,) * (vectors.ndim - 1), spectra.shape[1])
-    return np.asarray(scipy.fft.irfft(spectra * scipy.fft.rfft(vectors, length), length)[..., :samples])
+    return np.asarray(scipy.fft.rfft(np.concatenate((rough, smooth)) ** power))
 
 
 def _mixed(smooth: Array, own: Array) -> Array:
@@ -227,49 +236,52 @@ def _innovations(columns: Array, variances: Array, interval: float) -> tuple[Arr
     """Innovations (n, columns, noises) of columns (n, columns), and their variance (n, noises), whose product is |V|;
     over the distinct noises.
 
-    A Kalman filter whose state is the process with the correlation R and, of order 5/2, its first derivative times ℓ/√5
-    and its second times (ℓ/√5)² (J. Hartikainen and S. Särkkä, IEEE MLSP, 379-384, 2010). The covariance of the state
-    (3, 3, noises) stands beside its mean for every column (3, columns, noises): both are corrected by one gain.
+    A Kalman filter (J. Hartikainen and S. Särkkä, IEEE MLSP, 379-384, 2010). With Δ the interval and a the rate at
+    which the process f decays, the state (3,) is f, Δ (d/dt + a) f and Δ² (d/dt + a)² f: all noises have the same
+    transition but for the factor exp(−aΔ). Rows (3 · (3 + columns), noises): for each element of the state, its
+    covariances and its mean for every column; both are corrected by one gain.
     """
     white, *_, proportional = np.array(NOISES[: DISTINCT[-1] + 1]).T
     sizes = np.sqrt((1 - white) * ((1 - proportional) + proportional * variances[:, None]))
     own = white * variances[:, None]
-    change, covariance = (np.ascontiguousarray(steps[..., : len(white)]) for steps in _state_steps(interval))
-    back = np.ascontiguousarray(change.swapaxes(0, 1))
-    added = covariance - _product(_product(change, covariance), back)
+    count = columns.shape[1]
+    rows, change, decays, added = _transition(interval, count)
     observed = np.pad(columns, ((0, 0), (3, 0)))[:, :, None]
-    state = np.concatenate((covariance, np.zeros((3, columns.shape[1], len(white)))), axis=1)
-    innovations, variance = np.empty((len(columns), columns.shape[1], len(white))), np.empty_like(sizes)
+    innovations, variance = np.empty((len(columns), count, len(white))), np.empty_like(sizes)
+    correction = np.empty((3, 3 + count, len(white)))
     for i, size in enumerate(sizes):
-        error = observed[i] - size * state[0]
+        error = observed[i] - size * rows[: 3 + count]
         variance[i] = own[i] - size * error[0]
         innovations[i] = error[3:]
-        state -= (error[:3] / variance[i])[:, None] * error
-        state = _product(change, state)
-        state[:, :3] = _product(state[:, :3], back) + added
+        np.multiply((error[:3] / variance[i])[:, None], error, out=correction)
+        rows = change @ (rows - correction.reshape(rows.shape))
+        rows *= decays
+        rows += added
     return innovations, variance
 
 
-def _product(left: Array, right: Array) -> Array:
-    """Products (i, j, noises) of matrices (i, 3, noises) and (3, j, noises): faster than `@` for many small ones."""
-    return np.asarray(np.einsum("ikn,kjn->ijn", left, right))
-
-
-def _state_steps(interval: float) -> tuple[Array, Array]:
-    """Transition of the state over an interval [s] and its covariance without observations, (3, 3, noises)."""
+@lru_cache(maxsize=4)
+def _transition(interval: float, columns: int) -> tuple[Array, Array, Array, Array]:
+    """Rows without observations; their change over an interval [s] without the decay, the decay, and what is added."""
     x = np.sqrt(5) * interval / np.array(CORRELATION_TIMES_S)
-    rows = (
-        (1 + x + x**2 / 2, x + x**2, x**2 / 2),
-        (-(x**2) / 2, 1 + x - x**2, x - x**2 / 2),
-        (x**2 / 2 - x, x**2 - 3 * x, 1 - 2 * x + x**2 / 2),
+    zero, one = np.zeros_like(x), np.ones_like(x)
+    by_derivatives = np.array([[one, zero, zero], [x, x, zero], [x**2, 2 * x**2, x**2]])  # of f, f'/a and f''/a²
+    smooth = np.einsum("ikn,kl,jln->ijn", by_derivatives, DERIVATIVES_COVARIANCE, by_derivatives)
+    rough = np.zeros_like(smooth)
+    rough[0, 0] = 1.0  # with an exponential correlation, f has no derivatives
+    covariance, decay = (
+        _of_noises(np.concatenate((rough, smooth), axis=2)),
+        _of_noises(np.exp(-np.concatenate((x / np.sqrt(5), x)))),
     )
-    smooth = np.exp(-x) * np.array(rows)
-    rough = np.exp(-x / np.sqrt(5)) * ROUGH_COVARIANCE[..., None]
-    smooth_covariance = np.array([[1, 0, -1 / 3], [0, 1 / 3, 0], [-1 / 3, 0, 1]])
-    covariances = np.repeat(np.stack((ROUGH_COVARIANCE, smooth_covariance), axis=2), len(x), axis=2)
-    shape = (3, 3, len(WHITE_PARTS), 2 * len(x), len(PROPORTIONAL_PARTS))
-    change, covariance = (
-        np.broadcast_to(part[:, :, None, :, None], shape).reshape(3, 3, -1)
-        for part in (np.concatenate((rough, smooth), axis=2), covariances)
-    )
-    return change, covariance
+    change = np.kron(TRANSITION, scipy.linalg.block_diag(TRANSITION, np.eye(columns))).astype(np.float64)
+    decays: Array = np.tile(np.repeat([decay**2, decay], [3, columns], axis=0), (3, 1))
+    rows: Array = np.pad(covariance, ((0, 0), (0, columns), (0, 0))).reshape(decays.shape)
+    return rows, change, decays, rows - decays * (change @ rows)
+
+
+def _of_noises(values: Array) -> Array:
+    """Values (…, R) for every distinct noise (…, noises)."""
+    places = [
+        ORDERS.index(order) * len(CORRELATION_TIMES_S) + CORRELATION_TIMES_S.index(time) for _, order, time, _ in NOISES
+    ]
+    return values[..., places[: DISTINCT[-1] + 1]]
