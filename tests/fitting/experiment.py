@@ -91,7 +91,9 @@ class Session:
             after = slice(np.searchsorted(since, 0.0, side="right"), None)
             since = since[after]
             load[after] += (levels[i] - levels[i - 1]) * np.clip(since / 0.3, 0, 1)
-            load[after] += 0.03 * (levels[i] - levels[i - 1]) * np.exp(-since / 0.5) * np.sin(8 * since)
+            since = since[: int(20 / STEP)]  # then below the rounding of the load
+            swing = 0.03 * (levels[i] - levels[i - 1]) * np.exp(-since / 0.5) * np.sin(8 * since)
+            load[after.start : after.start + len(since)] += swing
         return self._record("static", repeat, time, load)
 
     def dynamic(self, repeat: int = 1) -> tuple[Manifest, dict[str, Track]]:
@@ -203,14 +205,17 @@ class Session:
         return np.unique(np.minimum(starts[:, None] + np.arange(10), count - 1))
 
     def _wander(self, time: NDArray[np.float64], low: float, high: float) -> NDArray[np.float64]:
-        """A slow random curve of unit size between two frequencies."""
-        frequencies = self.random.uniform(low, high, 8)
+        """A slow random curve of unit size between two frequencies, at times (n,) of equal distance.
+
+        The sine of a time is that of the start of its block and of its place in the block: 100 times fewer of them.
+        """
+        frequencies = 2 * np.pi * self.random.uniform(low, high, 8)
         phases = self.random.uniform(0, 2 * np.pi, 8)
         weights = self.random.standard_normal(8)
-        curve = np.zeros(len(time))
-        for frequency, phase, weight in zip(frequencies, phases, weights, strict=True):
-            curve += weight * np.sin(2 * np.pi * frequency * time + phase)
-        return curve / 2
+        starts = np.outer(time[::100], frequencies) + phases
+        places = np.outer(frequencies, time[:100] - time[0])
+        curve = (weights * np.sin(starts)) @ np.cos(places) + (weights * np.cos(starts)) @ np.sin(places)
+        return np.asarray(curve.ravel()[: len(time)] / 2)
 
 
 def track(
