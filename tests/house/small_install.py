@@ -1,6 +1,6 @@
 """Run `station` as if no extra were installed: `python -m tests.house.small_install VERB ... [+ VERB ...]`.
 
-`library SESSION` walks the public package instead.
+`library SESSION` walks the public package. All verbs are run; the exit code is the largest of theirs.
 """
 
 import pkgutil
@@ -12,6 +12,7 @@ from importlib.machinery import ModuleSpec
 from itertools import pairwise
 from pathlib import Path
 from types import ModuleType
+from unittest.mock import patch
 
 from station.extras import PACKAGES
 
@@ -50,24 +51,22 @@ def main() -> None:
     loaded = {name.split(".")[0] for name in sys.modules} & BLOCKED
     assert not loaded, loaded
     sys.meta_path.insert(0, Blocker())
-    if sys.argv[1] == "library":
-        walk_library(Path(sys.argv[2]))
-    else:
-        _run_verbs(sys.argv[1:])
+    ends = [place for place, word in enumerate(sys.argv) if word == "+"]
+    sys.exit(max(_run(sys.argv[start + 1 : end]) for start, end in pairwise([0, *ends, len(sys.argv)])))
 
 
-def _run_verbs(words: Sequence[str]) -> None:
-    """One after the other, up to the first that fails."""
+def _run(words: Sequence[str]) -> int:
+    """Exit code of the verb."""
     from station.cli import main as station
 
-    ends = [place for place, word in enumerate(words) if word == "+"]
-    for start, end in pairwise([-1, *ends, len(words)]):
-        sys.argv = ["station", *words[start + 1 : end]]
+    if words[0] == "library":
+        walk_library(Path(words[1]))
+        return 0
+    with patch("sys.argv", ["station", *words]):
         try:
             station()
         except SystemExit as ended:
-            if ended.code:
-                raise
+            return int(ended.code or 0)
 
 
 if __name__ == "__main__":

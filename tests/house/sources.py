@@ -1,6 +1,7 @@
 """The Python files of the project, each parsed once for all tests of the house, and Python in a process of its own."""
 
 import ast
+import gc
 import os
 import subprocess
 import sys
@@ -21,8 +22,13 @@ def text_of(path: Path) -> str:
 
 @cache
 def nodes_of(path: Path) -> tuple[ast.AST, ...]:
-    """All nodes of the file's syntax tree."""
-    return tuple(ast.walk(ast.parse(text_of(path))))
+    """All nodes of the file's syntax tree. They stay to the end: garbage collection is kept from them."""
+    gc.disable()
+    try:
+        return tuple(ast.walk(ast.parse(text_of(path))))
+    finally:
+        gc.freeze()
+        gc.enable()
 
 
 def name_of(path: Path) -> str:

@@ -67,7 +67,7 @@ def ran_through(plan: SweepPlan) -> bytes:
 
 @pytest.fixture(scope="module")
 def client() -> Iterator[Client]:
-    """Workers are forks of a process with their imports, except on Windows; those of docs/commands.md are started anew."""
+    """Workers are forks of a process with their imports, except on Windows; docs/commands.md starts them anew."""
     method = "spawn" if sys.platform == "win32" else "forkserver"
     with dask.config.set({"distributed.worker.multiprocessing-method": method}):
         get_mp_context().set_forkserver_preload(["distributed", "station.sweep.dataset"])
