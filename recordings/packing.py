@@ -23,6 +23,7 @@ MOST_LABELS = 4096
 LARGEST_MANIFEST = 4 * 2**20
 """Characters of its JSON."""
 _CLASSES = topics.wire_classes()
+_UNSIGNED, _SIGNED = np.dtype("<u8"), np.dtype("<i8")
 
 
 def pack(message: Message) -> tuple[str, bytes]:
@@ -100,8 +101,8 @@ def _fields_of_block(block: Samples) -> dict[str, Any]:
             f"{len(block.values)} values, expected as many of each, at least 1 and at most {MOST_SAMPLES_IN_A_BLOCK}",
             RecordingCode.WRONG_BLOCK,
         )
-    first_number, number_step, numbers = _compact(block.sample_numbers.astype("<u8", copy=False))
-    first_time, time_step, times = _compact(block.device_time_ns.astype("<i8", copy=False))
+    first_number, number_step, numbers = _compact(block.sample_numbers.astype(_UNSIGNED, copy=False))
+    first_time, time_step, times = _compact(block.device_time_ns.astype(_SIGNED, copy=False))
     return {
         "sample_count": count,
         "first_sample_number": first_number,
@@ -128,10 +129,12 @@ def _block(topic: str, host_time_ns: int, wire: Any) -> Samples:
             f"a block of {topic} announces {counted(count, 'sample')} without a value", RecordingCode.WRONG_BLOCK
         )
     values = np.frombuffer(wire.values, dtype=kind.newbyteorder("<"))
+    numbers = wire.first_sample_number, wire.sample_number_step, wire.sample_numbers
+    times = wire.first_device_time_ns, wire.device_time_step_ns, wire.device_times_ns
     return Samples(
         stream=topic,
-        sample_numbers=_spread(wire.first_sample_number, wire.sample_number_step, wire.sample_numbers, "<u8", count),
-        device_time_ns=_spread(wire.first_device_time_ns, wire.device_time_step_ns, wire.device_times_ns, "<i8", count),
+        sample_numbers=_spread(*numbers, _UNSIGNED, count),
+        device_time_ns=_spread(*times, _SIGNED, count),
         host_time_ns=host_time_ns,
         values=values.reshape((count, columns, width) if topic == topics.MARKERS else (count, columns)),
     )
@@ -140,12 +143,12 @@ def _block(topic: str, host_time_ns: int, wire: Any) -> Samples:
 def _compact(numbers: NDArray[Any]) -> tuple[int, int, bytes]:
     """(first, step, b"") of an arithmetic run, (0, 0, every number) of any other; exact modulo 2^64."""
     steps = numbers[1:] - numbers[:-1]
-    if (steps == steps[:1]).all():
+    if steps.tobytes() == steps[:1].tobytes() * len(steps):
         return int(numbers[0]), int(steps[0].astype(np.int64)) if len(steps) else 0, b""
     return 0, 0, numbers.tobytes()
 
 
-def _spread(first: int, step: int, numbers: bytes, kind: str, count: int) -> NDArray[Any]:
+def _spread(first: int, step: int, numbers: bytes, kind: np.dtype[Any], count: int) -> NDArray[Any]:
     if numbers:
         if len(numbers) != 8 * count:
             raise RecordingError(
@@ -154,9 +157,13 @@ def _spread(first: int, step: int, numbers: bytes, kind: str, count: int) -> NDA
                 RecordingCode.WRONG_BLOCK,
             )
         return np.frombuffer(numbers, dtype=kind)
-    run = np.arange(count, dtype=np.uint64) * np.uint64(step % 2**64) + np.uint64(first % 2**64)
+    end = first + step * count
+    if 0 <= first < end <= 2**63:
+        run = np.arange(first, end, step, dtype=kind)
+    else:  # modulo 2^64
+        run = (np.arange(count, dtype=np.uint64) * np.uint64(step % 2**64) + np.uint64(first % 2**64)).view(kind)
     run.flags.writeable = False
-    return run.view(kind)
+    return run
 
 
 def _manifest(wire: Any) -> Manifest:
