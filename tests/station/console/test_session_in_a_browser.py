@@ -185,7 +185,7 @@ def test_the_trial_of_a_killed_console_with_simulated_devices_is_not_lost(browse
 def test_a_rehearsal_by_keyboard_is_readable_on_a_tablet_in_light_and_dark(browser: Browser, tmp_path: Path) -> None:
     config = write_config(tmp_path, hold_s=300.0)  # the operator ends the trial
     config.write_text(config.read_text() + "[safety]\nforce_ceiling_n = 10\n")
-    with ServedConsole(config, "--simulated", "--speed", "5") as console:
+    with ServedConsole(config, "--simulated", "--speed", "2") as console:
         page = open_page(browser, console.address, width=1024, height=768)
         updates = picture_updates(page)
         expect(page.get_by_label("Subject code")).to_be_focused()
@@ -239,8 +239,8 @@ def test_a_rehearsal_by_keyboard_is_readable_on_a_tablet_in_light_and_dark(brows
 def test_two_operators_share_a_session_that_is_ended_during_a_trial_and_resumed(
     browser: Browser, tmp_path: Path
 ) -> None:
-    config = write_config(tmp_path, swing_s=3600.0)  # the operator ends the dynamic trial
-    with ServedConsole(config, "--simulated", "--speed", "5") as console:
+    config = write_config(tmp_path, hold_s=4.0, swing_s=3600.0)  # the operator ends the dynamic trial
+    with ServedConsole(config, "--simulated", "--speed", "3") as console:
         page = record_with_two_operators(browser, console)
         arm(page)
         seen(page, "pull the spring")
