@@ -21,7 +21,7 @@ from tests.drivers.simulated_qtm import WIRING
 from tests.timeout import scaled_timeout
 
 PACE = 10.0  # world seconds of a fault for each second that it lasts on the wall's own bench
-STEP_S = 0.05  # world
+STEP_S = 0.1  # world
 PATIENCE_S = 15.0  # wall; a bound on failing tests, not an expectation
 STREAMS = {"ni": ("/force", "/sync"), "qtm": ("/markers",), "serial": ("/force",)}
 LOST_AND_FOUND = ("connection_lost", "connection_restored")
