@@ -123,8 +123,7 @@ class RecentForce(RecentSignal):
         slope = float(time @ force / (time @ time))
         size, longer = divmod(len(time), REST_BLOCKS)
         starts = [block * size + min(block, longer) for block in range(REST_BLOCKS)]
-        sums = np.add.reduceat(force - level - slope * time, starts)
-        spread = float(np.std(sums / np.diff([*starts, len(time)])))
+        spread = float(np.std(np.add.reduceat(force - level - slope * time, starts) / np.diff([*starts, len(time)])))
         if spread > max(STEADY_SD_N, STEADY_SD_SHARE * abs(level)):
             return RestState.MOVING
         return RestState.STEADY if abs(slope) < STEADY_SLOPE_N_PER_S else RestState.SETTLING
