@@ -6,6 +6,7 @@ It imports almost nothing, so that Ctrl-C is handled while the verbs are being i
 
 from __future__ import annotations
 
+import gc
 import mmap
 import os
 import sys
@@ -30,6 +31,7 @@ def main() -> NoReturn:
     """Import the verbs and run one."""
     # The last digits of a matrix product depend on the number of threads; the same input must give the same bytes.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    gc.set_threshold(20_000)  # imports and arrays leave no cycles behind: looking for them takes 5 % of a verb
     try:
         if _has_limit():
             _allocate_first()

@@ -15,13 +15,13 @@ from fitting.results.codes import NoteCode
 from fitting.results.trial_codes import TrialNoteCode
 from fitting.uncertainty import NORMAL_95, Estimate
 from recordings.manifest import DataOrigin
-from solver.suit.assessment import Assessment
-from solver.suit.quantity import Quantity
 from station.cuff_text import SHOWN, of_cuff
 from station.folded_table import FoldedTable
 from station.messages.assessment_messages import sources_text
 
 if TYPE_CHECKING:
+    from solver.suit.assessment import Assessment
+    from solver.suit.quantity import Quantity
     from station.assessment.optimum import OptimumDocument
 
 EFFORT_AND_ERROR = (

@@ -19,7 +19,6 @@ from functools import cached_property, partial
 import numpy as np
 import scipy
 from numpy.typing import NDArray
-from scipy.linalg import lapack
 
 from fitting.results.codes import FitOutcome
 
@@ -121,10 +120,10 @@ def dependencies(contrasts: ErrorContrasts) -> list[tuple[int, ...] | None]:
 def evaluate(contrasts: ErrorContrasts, theta: Array) -> Curvature:
     """Raises LinAlgError where V(θ) is singular."""
     # LAPACK itself: what SciPy's functions do around it takes longer than these small matrices.
-    lower, failed = lapack.dpotrf(contrasts.covariance(theta), lower=1)
+    lower, failed = scipy.linalg.lapack.dpotrf(contrasts.covariance(theta), lower=1)
     if failed:
         raise scipy.linalg.LinAlgError("the covariance is singular")
-    whitened, _ = lapack.dtrtrs(lower, contrasts.columns, lower=1)
+    whitened, _ = scipy.linalg.lapack.dtrtrs(lower, contrasts.columns, lower=1)
     inner = whitened.T @ whitened
     across, projected = inner[:-1, :-1], inner[:-1, -1]  # Z_i' V⁻¹ Z_j and Z_i' V⁻¹ y
     owners = contrasts.owners
@@ -170,7 +169,7 @@ def maximise_from(
 def _newton_step(here: Curvature, free: NDArray[np.bool_]) -> Array:
     """Newton's step, or that of Fisher scoring where the observed information is not positive definite."""
     score, chosen = -here.gradient[free] / 2, np.ix_(free, free)
-    _, step, failed = lapack.dposv(here.observed[chosen], score)
+    _, step, failed = scipy.linalg.lapack.dposv(here.observed[chosen], score)
     return scipy.linalg.lstsq(here.information[chosen], score)[0] if failed else step
 
 

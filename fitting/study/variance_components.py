@@ -16,7 +16,6 @@ from functools import cache, partial
 
 import numpy as np
 import scipy
-from scipy.linalg import lapack
 
 from documents.interval import counted
 from fitting.errors import FitError
@@ -385,7 +384,7 @@ def _tangent(near: RemlSolution, index: int) -> Array:
     free[index] = False
     if free.any():
         observed = near.curvature.observed
-        _, others, failed = lapack.dposv(observed[np.ix_(free, free)], -observed[free, index])
+        _, others, failed = scipy.linalg.lapack.dposv(observed[np.ix_(free, free)], -observed[free, index])
         tangent[free] = 0.0 if failed else others
     tangent[index] = 1.0
     return tangent

@@ -179,10 +179,6 @@ def report(
     ] = "html",
 ) -> None:
     """Write report.html, a self-contained page, from the recordings and results of a folder. Prints its path."""
-    import gc
-
-    gc.set_threshold(100_000)  # imports and arrays leave no cycles behind: looking for them takes 0.4 s of 6 s
-
     from rich.console import Console
 
     from fitting.results.codes import Standing

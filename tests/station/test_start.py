@@ -15,7 +15,7 @@ from tests.timeout import scaled_timeout
 HEAVY = (
     *("numpy", "pydantic", "scipy.signal", "scipy.special", "scipy.optimize", "scipy.spatial", "scipy.stats", "numba"),
     *("clarabel", "pandas", "matplotlib", "jinja2", "PIL", "pyarrow", "duckdb", "grpc", "nidaqmx", "nicegui", "rerun"),
-    *("multiprocessing", "tomllib"),
+    *("multiprocessing", "tomllib", "scipy.linalg"),
 )
 """Modules that take 5 ms to 1 s to import."""
 RECORDING = Path(__file__).parents[1] / "recordings/golden/format_1.mcap"
