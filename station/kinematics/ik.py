@@ -9,10 +9,9 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import numpy as np
-import pandas as pd
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
@@ -56,6 +55,9 @@ from station.kinematics.marker_checks import (
 from station.kinematics.marker_sets import place_marker_set
 from station.messages.kinematics_messages import KinematicsCode
 from station.sources import BUNDLED, named_hash, resolve_model
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 MOST_LISTED = 10
 WRONG_POSTURES = (KinematicsCode.EXCHANGED, KinematicsCode.FAR)
@@ -403,6 +405,8 @@ def tabulate_frames(solved: SolvedPostures) -> pd.DataFrame:
 
     A cell is empty where a marker is hidden or a coordinate is not determined.
     """
+    import pandas as pd  # the live process, which fits postures as well, has no tables
+
     solution = solved.solution
     deviations = np.where(
         np.isfinite(solved.uncertainty.standard_deviation), solved.uncertainty.standard_deviation, np.nan
@@ -424,6 +428,8 @@ def tabulate_kinematics(solved: SolvedPostures, smoothed: SmoothedMotion) -> pd.
     """A row per frame: position, speed and acceleration of every coordinate, each with its standard deviation, which is
     empty for a coordinate that no marker determines.
     """
+    import pandas as pd  # as above
+
     columns: dict[str, object] = {"time_s": solved.time}
     values = (smoothed.positions, smoothed.speeds, smoothed.accelerations)
     deviations = np.where(np.isfinite(smoothed.standard_deviations), smoothed.standard_deviations, np.nan)

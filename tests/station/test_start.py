@@ -74,12 +74,12 @@ PROGRAMS: tuple[dict[str, set[str]], ...] = (
         "station.console.server": {"scipy.linalg", "numba", "rich", "solver.model", "aiohttp", "requests", "tornado"},
         "station.terminal.sequencer": {"scipy.linalg", "scipy.signal", "numba"},
     },
-    {"station.bench.simulator_process": UNUSED_BY_BENCH},
+    {"station.bench.simulator_process": UNUSED_BY_BENCH, "station.live.process": {"scipy.signal", "pandas", "nicegui"}},
 )
 """Imported by a process in this order → what is not imported then. An operator waits for it before every trial."""
 
 
-@pytest.mark.parametrize("modules", PROGRAMS, ids=["station", "simulated bench"])
+@pytest.mark.parametrize("modules", PROGRAMS, ids=["station", "simulated bench and live process"])
 def test_recorder_terminal_console_and_simulated_bench_start_without_the_packages_of_fits(
     modules: dict[str, set[str]],
 ) -> None:
