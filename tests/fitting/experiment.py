@@ -87,13 +87,14 @@ class Session:
         time = np.arange(0.0, truth.hold * len(levels), STEP)
         load = np.full(len(time), 2.0)  # the hook
         for i in range(1, len(levels)):
+            step = levels[i] - levels[i - 1]
             since = time - i * truth.hold - self.random.uniform(-truth.hold_jitter, truth.hold_jitter)
-            after = slice(np.searchsorted(since, 0.0, side="right"), None)
-            since = since[after]
-            load[after] += (levels[i] - levels[i - 1]) * np.clip(since / 0.3, 0, 1)
-            since = since[: int(20 / STEP)]  # then below the rounding of the load
-            swing = 0.03 * (levels[i] - levels[i - 1]) * np.exp(-since / 0.5) * np.sin(8 * since)
-            load[after.start : after.start + len(since)] += swing
+            start = int(np.searchsorted(since, 0.0, side="right"))
+            end = start + int(20 / STEP)  # then the swing is below the rounding of the load
+            since = since[start:end]
+            load[start:end] += step * np.clip(since / 0.3, 0, 1)
+            load[start:end] += 0.03 * step * np.exp(-since / 0.5) * np.sin(8 * since)
+            load[end:] += step
         return self._record("static", repeat, time, load)
 
     def dynamic(self, repeat: int = 1) -> tuple[Manifest, dict[str, Track]]:
