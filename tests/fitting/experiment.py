@@ -206,17 +206,26 @@ class Session:
         return np.unique(np.minimum(starts[:, None] + np.arange(10), count - 1))
 
     def _wander(self, time: NDArray[np.float64], low: float, high: float) -> NDArray[np.float64]:
-        """A slow random curve of unit size between two frequencies, at times (n,) of equal distance.
-
-        The sine of a time is that of the start of its block and of its place in the block: 100 times fewer of them.
-        """
-        frequencies = 2 * np.pi * self.random.uniform(low, high, 8)
+        """A slow random curve of unit size between two frequencies, at times (n,) of equal distance."""
+        frequencies = self.random.uniform(low, high, 8)
         phases = self.random.uniform(0, 2 * np.pi, 8)
-        weights = self.random.standard_normal(8)
-        starts = np.outer(time[::100], frequencies) + phases
-        places = np.outer(frequencies, time[:100] - time[0])
-        curve = (weights * np.sin(starts)) @ np.cos(places) + (weights * np.cos(starts)) @ np.sin(places)
-        return np.asarray(curve.ravel()[: len(time)] / 2)
+        return sum_of_sines(time, self.random.standard_normal(8), frequencies, phases) / 2
+
+
+def sum_of_sines(
+    time: NDArray[np.float64],
+    weights: NDArray[np.float64],
+    frequencies: NDArray[np.float64],
+    phases: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """Σ w sin(2πf t + φ) at times (n,) [s] of equal distance, of terms (k,).
+
+    The sine of a time is that of the start of its block and of its place in the block: 100 times fewer of them.
+    """
+    starts = 2 * np.pi * np.outer(time[::100], frequencies) + phases
+    places = 2 * np.pi * np.outer(frequencies, time[:100] - time[0])
+    curve = (weights * np.sin(starts)) @ np.cos(places) + (weights * np.cos(starts)) @ np.sin(places)
+    return np.asarray(curve.ravel()[: len(time)])
 
 
 def track(

@@ -12,7 +12,7 @@ from fitting.pull.pull import Pull
 from fitting.trial.clocks import LagUncertainty
 from fitting.trial.trial import Trial
 from recordings.manifest import CuffSite
-from tests.fitting.experiment import ANCHOR, CUFF, PULL
+from tests.fitting.experiment import ANCHOR, CUFF, PULL, sum_of_sines
 
 STIFFNESS, DAMPING, MASS = 5500.0, 120.0, 0.2
 LABELS = ("anchor_1", "anchor_2", "anchor_3", "anchor_4")
@@ -199,10 +199,6 @@ def _spoil(lab: NDArray[np.float64], truth: Held, random: np.random.Generator) -
 
 
 def wander(time: NDArray[np.float64], random: np.random.Generator) -> NDArray[np.float64]:
-    """A slow random curve of unit size between 0.05 and 0.8 Hz."""
-    curve = np.zeros(len(time))
-    for _ in range(6):
-        curve += random.standard_normal() * np.sin(
-            2 * np.pi * random.uniform(0.05, 0.8) * time + random.uniform(0, 6.3)
-        )
-    return curve / np.sqrt(3)
+    """A slow random curve of unit size between 0.05 and 0.8 Hz, at times (n,) of equal distance."""
+    terms = [(random.standard_normal(), random.uniform(0.05, 0.8), random.uniform(0, 6.3)) for _ in range(6)]
+    return sum_of_sines(time, *np.array(terms).T) / np.sqrt(3)
