@@ -2,7 +2,7 @@
 
 The wheel is for the version of Python that runs this, and its kernels are for the version of numba that it has. With
 another one, or on a processor without the instructions of TARGETS, an installed wheel compiles at its first
-use, as the source does. setuptools >= 77 must be installed: it builds the wheel without a package index.
+use, as the source does. Where the setuptools that pyproject.toml asks for is installed, no package index is needed.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import subprocess
 import sys
 import sysconfig
 import tempfile
-from importlib import import_module
+from importlib import import_module, metadata
 from pathlib import Path
 
 from solver.compile_ahead import KERNELS, compile_ahead, print_count
@@ -43,8 +43,17 @@ def build(output: Path) -> None:
             "--plat-name": sysconfig.get_platform().replace("-", "_").replace(".", "_"),
         }
         settings = [f"--config-settings=--build-option={option}={tag}" for option, tag in tags.items()]
-        pip = (sys.executable, "-m", "pip", "wheel", "--no-deps", "--no-build-isolation", "--wheel-dir", str(output))
+        offline = ["--no-build-isolation"] if _has_setuptools() else []
+        pip = (sys.executable, "-m", "pip", "wheel", "--no-deps", *offline, "--wheel-dir", str(output))
         subprocess.run([*pip, *settings, str(source)], check=True)  # noqa: S603
+
+
+def _has_setuptools() -> bool:
+    """Whether this environment has the one that pyproject.toml asks for."""
+    try:
+        return int(metadata.version("setuptools").split(".")[0]) >= 77
+    except metadata.PackageNotFoundError:
+        return False
 
 
 def compile_kernels(folder: Path) -> None:

@@ -28,7 +28,10 @@ class NotAFolder(StationError):
 
 
 def ensure_folder(output: Path) -> None:
-    """Raise NotAFolder or PermissionError, before anything is computed, if results cannot be written to output."""
+    """Raise NotAFolder or PermissionError, before anything is computed, if results cannot be written to output.
+
+    Windows refuses a folder only when a file is written into it.
+    """
     found = next(path for path in (output, *output.absolute().parents) if path.exists())
     if not found.is_dir():
         raise NotAFolder(Message(InputCode.OUTPUT_IS_FILE, {"path": str(found)}))

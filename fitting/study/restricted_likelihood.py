@@ -80,7 +80,9 @@ class Curvature:
 
 @dataclass(frozen=True)
 class RemlSolution:
-    """θ (components,) that maximises the restricted likelihood over θ ≥ 0, over the square of the scale."""
+    """θ (components,) that maximises the restricted likelihood over θ ≥ 0, over the square of the scale; or the other
+    coordinates of the likelihood.
+    """
 
     theta: Array
     curvature: Curvature
@@ -148,7 +150,7 @@ Likelihood = Callable[[Array], Curvature]
 def maximise_from(
     likelihood: Likelihood, theta: Array, smallest_step: float = SMALLEST_STEP, held: int | None = None
 ) -> RemlSolution:
-    """The same from θ on, with the component `held` fixed."""
+    """Maximise a restricted likelihood from a start, with one component held if it is given."""
     here = likelihood(theta)
     for _ in range(ROUNDS):
         free = (theta > 0) | (here.gradient < 0)

@@ -21,7 +21,6 @@ from documents.interval import counted
 from fitting.errors import FitError
 from fitting.results.codes import FitOutcome
 from fitting.study.restricted_likelihood import (
-    ROUNDS,
     Array,
     Curvature,
     ErrorContrasts,
@@ -45,10 +44,12 @@ PROFILE_STEP = 1e-2
 its square, 1e-4, of the 3.8 and more at which an interval ends."""
 INSIDE = 1e-3
 """Component, over the square of the scale of the data, from which a search starts where zero would end it."""
+MOST_VALUES = 200
+"""Of a profile, until the search for an end is given up."""
 LARGEST_CHANGE = 2.0
 """Change of the logarithm of a value in a round of the search for an end."""
 SMALLEST_RATIO = 0.1
-"""Of an estimate to the first value above it."""
+"""The search for an upper end begins at most at the estimate over this."""
 
 
 class TooFewObservations(FitError):
@@ -233,15 +234,14 @@ def ratio_interval(
     with_odds = solution.theta.copy()
     with_odds[index] /= rest
     best = replace(solution, theta=with_odds, curvature=likelihood(with_odds))
-    levels = [math.inf if i == index else root.shape[1] for i, root in enumerate(contrasts.roots)]
+    others = np.delete(np.eye(contrasts.count), index, axis=0)
 
-    def start_low(odds: float) -> list[Array]:
-        """The share is small, too, where the component of the fewest levels is large: the deviance has two minima."""
-        large = with_odds.copy()
-        large[np.argmin(levels)] += float(solution.theta[index]) * (1 / odds - 1 / with_odds[index])
-        return [with_odds, large]
+    def starts(odds: float) -> list[Array]:
+        """The share is small, too, where another component is large: the deviance has a minimum there, too."""
+        larger = float(solution.theta[index]) * (1 / odds - 1 / with_odds[index])
+        return [with_odds, *(with_odds + larger * others)]
 
-    low, high = _interval(likelihood, best, index, dof, start_low if len(levels) > 1 else None)
+    low, high = _interval(likelihood, best, index, dof, starts if len(others) else None)
     return (low / (1 + low), high / (1 + high))
 
 
@@ -288,16 +288,23 @@ def _interval(
     best: RemlSolution,
     index: int,
     dof: int,
-    start_low: Callable[[float], list[Array]] | None = None,
+    starts_of_low: Callable[[float], list[Array]] | None = None,
 ) -> tuple[float, float]:
-    """Ends for a coordinate of the likelihood, which is best at the solution; start_low: starts for a low value."""
+    """Ends for a coordinate of the likelihood, which is best at the solution.
+
+    starts_of_low gives several starts for the profile at a low value: one minimum may lie below another there, so that
+    the lower end is sought twice, the second time from the starts at the first end.
+    """
     quantile = deviance_quantile(dof)
     at_zero = _profile(likelihood, index, 0.0, [_extrapolate(best, index, 0.0)])
-    first, last = _first_values(best, index, quantile)
-    low = 0.0
-    if not at_zero or at_zero[0].curvature.deviance > best.curvature.deviance + quantile:
-        low = _end(likelihood, best, index, quantile, first, start_low)
-    return low, _end(likelihood, best, index, quantile, last)
+    lower_start, upper_start = _first_values(best, index, quantile)
+    high = _end(likelihood, best, index, quantile, upper_start)
+    if at_zero and at_zero[0].curvature.deviance <= best.curvature.deviance + quantile:
+        return 0.0, high
+    if starts_of_low is None:
+        return _end(likelihood, best, index, quantile, lower_start), high
+    low = _end(likelihood, best, index, quantile, lower_start, starts_of_low(lower_start))
+    return low if math.isnan(low) else _end(likelihood, best, index, quantile, low, starts_of_low(low)), high
 
 
 def _first_values(best: RemlSolution, index: int, quantile: float) -> tuple[float, float]:
@@ -317,18 +324,18 @@ def _end(
     index: int,
     quantile: float,
     value: float,
-    restart: Callable[[float], list[Array]] | None = None,
+    starts: Sequence[Array] | None = None,
 ) -> float:
-    """Value at which the profile deviance exceeds the least one by the quantile, from a value on; NaN beyond WIDEST.
+    """Value at which the profile deviance exceeds the least one by the quantile; NaN if there is none up to WIDEST.
 
+    The search begins at `value`, and its profile at the starts, by default on the tangent at the solution. It is
     Newton's method for the root of the excess over the logarithm of the value, between a value inside the interval and
-    one outside. By the envelope theorem, the derivative of a profile is the partial one. An end is searched for again
-    from the starts of `restart`, if there are any.
+    one outside. By the envelope theorem, the derivative of a profile is the partial one.
     """
     inside, is_upper = float(best.theta[index]), value > best.theta[index]
     outside, found = math.inf if is_upper else 0.0, [best]
-    starts = restart(value) if restart else [_extrapolate(best, index, value)]
-    for _ in range(ROUNDS):
+    starts = starts or [_extrapolate(best, index, value)]
+    for _ in range(MOST_VALUES):
         there = _profile(likelihood, index, value, starts)
         excess = there[0].curvature.deviance - best.curvature.deviance if there else math.inf
         inside, outside = (value, outside) if excess < quantile else (inside, value)
@@ -340,11 +347,9 @@ def _end(
             change = 2 * (math.sqrt(quantile * excess) - excess) / slope
             following = value * math.exp(min(max(change, -LARGEST_CHANGE), LARGEST_CHANGE))
             if abs(change) < PRECISION:
-                if restart is None:
-                    return following
-                starts, restart = [there[0].theta, *restart(value)], None
-                inside, outside = float(best.theta[index]), 0.0
-                continue
+                return following
+        if inside > 0 and 0 < outside < math.inf and abs(math.log(outside / inside)) < PRECISION:
+            return value  # the profile jumps over the quantile, from one minimum to another
         if not min(inside, outside) < following < max(inside, outside):
             following = (inside + min(outside, 9 * value)) / 2
         value, found = min(following, WIDEST), there or found
@@ -367,7 +372,7 @@ def _profile(likelihood: Likelihood, index: int, value: float, starts: Sequence[
 
 
 def _is_same(one: RemlSolution, other: RemlSolution) -> bool:
-    """Whether both are the same but for the last step."""
+    """Whether both are one minimum, reached up to the last step."""
     change = one.theta - other.theta
     return bool(change @ other.curvature.information @ change < (4 * PROFILE_STEP) ** 2)
 

@@ -134,9 +134,7 @@ class LiveFeed:
         self._reset()
         self.setup, self._subscription = subscription.setup, subscription
         self.setups += 1
-        from station.console.body_drawing import prepare_drawing  # the solver: most consoles show no body
-
-        self.drawing, self.suit = await asyncio.to_thread(prepare_drawing, subscription.setup)
+        self.drawing, self.suit = await asyncio.to_thread(_draw_body, subscription.setup)
 
     def _take(self, subscription: LiveSubscription) -> None:
         for update in subscription.take():
@@ -158,6 +156,12 @@ class LiveFeed:
         if self._subscription is not None:
             self._subscription.close()
             self._subscription = None
+
+
+def _draw_body(setup: LiveSetup) -> tuple[BodyDrawing | None, Suit | None]:
+    from station.console.body_drawing import prepare_drawing  # the solver: most consoles show no body
+
+    return prepare_drawing(setup)
 
 
 def _point(values: LiveValues, worn: int | None) -> LivePoint:

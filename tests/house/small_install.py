@@ -1,6 +1,6 @@
 """Run `station` as if no extra were installed: `python -m tests.house.small_install VERB ... [+ VERB ...]`.
 
-`library SESSION` walks the public package. All verbs are run; the exit code is the largest of theirs.
+`library SESSION` walks the public package. All verbs are run and have to end with the same exit code.
 """
 
 import pkgutil
@@ -52,7 +52,9 @@ def main() -> None:
     assert not loaded, loaded
     sys.meta_path.insert(0, Blocker())
     ends = [place for place, word in enumerate(sys.argv) if word == "+"]
-    sys.exit(max(_run(sys.argv[start + 1 : end]) for start, end in pairwise([0, *ends, len(sys.argv)])))
+    codes = {_run(sys.argv[start + 1 : end]) for start, end in pairwise([0, *ends, len(sys.argv)])}
+    assert len(codes) == 1, codes
+    sys.exit(codes.pop())
 
 
 def _run(words: Sequence[str]) -> int:

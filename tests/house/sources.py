@@ -23,6 +23,7 @@ def text_of(path: Path) -> str:
 @cache
 def nodes_of(path: Path) -> tuple[ast.AST, ...]:
     """All nodes of the file's syntax tree. They stay to the end: garbage collection is kept from them."""
+    gc.collect()  # what is garbage already is not to stay
     gc.disable()
     try:
         return tuple(ast.walk(ast.parse(text_of(path))))

@@ -11,6 +11,7 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
+from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
@@ -116,8 +117,8 @@ class Desk:
         fork = FORKS.Process(target=run_verb, args=(arguments, self.folder), daemon=True)
         fork.start()
         fork.join()
-        said = [(self.folder / name).read_text(encoding="utf-8") for name in ("stdout", "stderr")]
-        return subprocess.CompletedProcess(arguments, fork.exitcode, *said)
+        printed = [(self.folder / name).read_text(encoding="utf-8") for name in ("stdout", "stderr")]
+        return subprocess.CompletedProcess(arguments, fork.exitcode, *printed)
 
     @contextmanager
     def running(self, words: list[str], until: str) -> Iterator[subprocess.Popen[str]]:
@@ -206,6 +207,7 @@ def plain_environment() -> dict[str, str]:
 
 def test_every_command_of_the_page_runs_in_its_order(tmp_path: Path) -> None:
     desk = Desk(tmp_path)
+    assert all(map(find_spec, IMPORTED)), "the process of the forks would not tell"
     FORKS.set_forkserver_preload([*IMPORTED])
     with ExitStack() as devices:
         for words in examples():

@@ -38,7 +38,7 @@ markers = ["ij", "px", "c7", "t8", "ac", "aa", "ts", "ai", "gu", "EpL", "EpM"]
 arm = ["ac", "EpL"]
 trunk = ["c7", "t8"]
 cycles = 3
-pose_s = 60.0
+pose_s = 120.0
 conditions = ["unsuited"]
 
 [live]

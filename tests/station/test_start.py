@@ -71,7 +71,7 @@ PROGRAMS: tuple[dict[str, set[str]], ...] = (
         "station.session.trial_daemon": {"scipy", "numba", "pandas", "rich", "nicegui"},
         "station.session.worker": {"scipy", "numba", "pandas", "rich", "nicegui"},
         "station.session.fitted_judgement": {"scipy.linalg", "scipy.signal", "numba", "solver.model", "rich"},
-        "station.console.server": {"scipy.linalg", "numba", "rich", "solver.model", "aiohttp", "requests", "tornado"},
+        "station.console.server": {"scipy.linalg", "numba", "rich", "solver.model"},
         "station.terminal.sequencer": {"scipy.linalg", "scipy.signal", "numba"},
     },
     {"station.bench.simulator_process": UNUSED_BY_BENCH, "station.live.process": {"scipy.signal", "pandas", "nicegui"}},

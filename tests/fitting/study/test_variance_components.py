@@ -11,11 +11,20 @@ from fitting.results.codes import FitOutcome
 from fitting.study import restricted_likelihood
 from fitting.study.cuff_study import Observation, _study_factors, fit_model
 from fitting.study.donning_spread import SpreadOutcome, estimate_donning_spread
-from fitting.study.restricted_likelihood import ErrorContrasts, contrast, dependencies, evaluate, maximise
+from fitting.study.restricted_likelihood import (
+    Curvature,
+    ErrorContrasts,
+    RemlSolution,
+    contrast,
+    dependencies,
+    evaluate,
+    maximise,
+)
 from fitting.study.variance_components import (
     ComponentOutcome,
     Factor,
     TooFewObservations,
+    _end,
     component_interval,
     deviance_quantile,
     fit_components,
@@ -279,6 +288,18 @@ def test_the_interval_of_a_share_is_that_of_harville_s_profile(noise: float) -> 
     assert 0.2 < ends[0] < ends[1] < 0.9999
     for end in ends:
         assert profile(end / (1 - end)) - least == pytest.approx(deviance_quantile(2), rel=5e-3)
+
+
+@pytest.mark.parametrize("edge", [0.3, 4.0])
+def test_an_end_is_where_the_profile_jumps_over_the_quantile(edge: float) -> None:
+    def likelihood(theta: Array) -> Curvature:
+        change = float(np.log(theta[0]))
+        is_beyond = theta[0] < edge if edge < 1 else theta[0] > edge
+        return Curvature(change**2 + 9 * is_beyond, 2 * change / theta, np.eye(1), np.eye(1))
+
+    best = RemlSolution(np.ones(1), likelihood(np.ones(1)), FitOutcome.CONVERGED)
+    for start in (edge**0.5, edge**2):
+        assert _end(likelihood, best, 0, 3.84, start) == pytest.approx(edge, rel=2e-3)
 
 
 def test_the_lower_end_of_a_share_is_that_of_the_lower_of_two_minima() -> None:

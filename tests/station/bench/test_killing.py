@@ -44,8 +44,10 @@ STATIC = TrialSpec("waist", "static", 1)
 
 @pytest.mark.slow
 @pytest.mark.timeout(900)
-def test_seven_killed_daemons_leave_all_but_half_a_second_and_so_would_those_that_are_left(tmp_path: Path) -> None:
-    """Every kill is also one of the daemons that still record: their files of that moment are what it would leave."""
+def test_a_kill_leaves_all_but_half_a_second(tmp_path: Path) -> None:
+    """Seven daemons are killed one after another. At each kill, the files of those that record on are copied, too: a
+    kill would leave the same.
+    """
     random = np.random.default_rng(5)
     with KillBench(tmp_path) as bench:
         instants_s = (np.arange(DAEMONS) + random.uniform(size=DAEMONS)) * (10.0 / DAEMONS)
@@ -180,7 +182,7 @@ def test_a_trial_is_recorded_to_its_end_when_the_console_ends(
 
 
 @dataclass(frozen=True)
-class Left:
+class RemainingFile:
     """What a kill of one daemon leaves; killed_s is its moment in seconds after the edge, by the world's clock."""
 
     path: Path
@@ -245,7 +247,7 @@ class KillBench:
     def pending(self) -> list[str]:
         return ["qtm"] * self._qtm.has_pending_reply
 
-    def kill(self, instants_s: Sequence[float]) -> list[Left]:
+    def kill(self, instants_s: Sequence[float]) -> list[RemainingFile]:
         """Starts a daemon for each instant (seconds after the edge, in order), and kills it then.
 
         Returns what the kills left, and copies of what each would have left of the daemons that recorded on.
@@ -266,9 +268,9 @@ class KillBench:
                 left = []
                 for number, (instant_s, daemon) in enumerate(zip(instants_s, daemons, strict=True)):
                     killed_s = world.advance_to(edge_s + instant_s) - edge_s  # where the world stands still
+                    copies = [shutil.copyfile(path, path.with_stem(f"copy-{number}")) for path in paths[number + 1 :]]
                     daemon.child.process.kill()
-                    copies = [shutil.copyfile(path, path.with_stem(f"left-{number}")) for path in paths[number + 1 :]]
-                    left += [Left(path, killed_s) for path in (paths[number], *copies)]
+                    left += [RemainingFile(path, killed_s) for path in (paths[number], *copies)]
             return left
 
 

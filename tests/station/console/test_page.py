@@ -1,5 +1,6 @@
 """The page after an action: it shows the new state also if the button that was pressed is gone."""
 
+import ast
 import asyncio
 import gc
 import math
@@ -23,6 +24,7 @@ from station.console.setup_view import _parse_masses
 from station.live.published import LiveBest, LiveDelivery, LiveUpdate
 from station.messages.session_messages import CommandCode
 from station.session.open_session import CommandRefused
+from tests.house.sources import nodes_of
 from tests.refusals import raises_refusal
 from tests.station.console.live_source import live_setup
 
@@ -176,8 +178,11 @@ def test_a_rest_length_has_millimetres() -> None:
 
 def test_every_class_of_the_page_has_a_rule() -> None:
     """No Tailwind compiles in the browser what the style sheets lack."""
-    sources = "".join(path.read_text(encoding="utf-8") for path in HERE.glob("*.py"))
-    used = {name for names in re.findall(r'classes\((?:add=)?"([^"]*)"', sources) for name in names.split()}
+    calls = [node for path in HERE.glob("*.py") for node in nodes_of(path) if isinstance(node, ast.Call)]
+    found = [call for call in calls if isinstance(call.func, ast.Attribute) and call.func.attr == "classes"]
+    given = [argument for call in found for argument in (*call.args, *(keyword.value for keyword in call.keywords))]
+    texts = [part.value for argument in given for part in ast.walk(argument) if isinstance(part, ast.Constant)]
+    used = {name for text in texts if isinstance(text, str) for name in text.split()}
     sheets = [*HERE.glob("*.css"), *Path(nicegui.__file__).parent.glob("static/*.css")]
     rules = re.findall(r"\.((?:[\w-]|\\[:/])+)", "".join(path.read_text(encoding="utf-8") for path in sheets))
     assert len(used) > 80

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import pickle
 import subprocess
@@ -38,17 +39,24 @@ def config_at(ports: Mapping[str, int], **more: dict[str, Any]) -> StationConfig
     return parse_config(sections | {name: sections.get(name, {}) | keys for name, keys in more.items()}, "test")
 
 
+def as_sent(message: dict[str, Any]) -> dict[str, Any]:
+    """The message as another process receives it."""
+    received: dict[str, Any] = json.loads(json.dumps(message))
+    return received
+
+
 class ThreadedBench(SimulatedBench):
     """The simulated bench in threads of this process: the start of one of its own takes a second of processor."""
 
     def __enter__(self) -> ThreadedBench:
-        self._running = ExitStack()
-        self._bench = self._running.enter_context(bench_from_options(self._settings))
-        self.ready = describe_bench(self._bench)
+        with ExitStack() as running:
+            self._bench = running.enter_context(bench_from_options(self._settings))
+            self.ready = as_sent(describe_bench(self._bench))
+            self._running = running.pop_all()
         return self
 
     def request(self, request: dict[str, Any]) -> dict[str, Any]:
-        answer = answer_or_refusal(self._bench, request)
+        answer = as_sent(answer_or_refusal(self._bench, as_sent(request)))
         if "error" in answer:
             raise SimulationError(Message(SimulationCode.REFUSED, {"reason": str(answer["error"])}))
         return answer

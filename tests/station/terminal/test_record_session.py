@@ -286,7 +286,7 @@ def test_an_option_of_one_trial_needs_a_test(
 def test_terminal_and_console_resume_each_other_s_session_during_a_trial_and_before_a_decision(tmp_path: Path) -> None:
     """The terminal is killed while it records; its recorder goes on, and the console keeps that trial and records the
     next. It is closed before it decides, and the terminal does."""
-    with simulated_bench(tmp_path / "bench", speed=SPEED, hold_s=20.0) as (bench, _):  # 5 s of the wall
+    with simulated_bench(tmp_path / "bench", speed=SPEED, hold_s=40.0) as (bench, _):  # 10 s of the wall
         ports = bench.ready["ports"]
         path = write_config(tmp_path, swing_s=5.0, ni=ports["ni"], qtm=ports["qtm"])
         with path.open("a") as file:
