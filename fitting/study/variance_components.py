@@ -44,12 +44,6 @@ PROFILE_STEP = 1e-2
 its square, 1e-4, of the 3.8 and more at which an interval ends."""
 INSIDE = 1e-3
 """Component, over the square of the scale of the data, from which a search starts where zero would end it."""
-MOST_VALUES = 200
-"""Of a profile, until the search for an end is given up."""
-LARGEST_CHANGE = 2.0
-"""Change of the logarithm of a value in a round of the search for an end."""
-SMALLEST_RATIO = 0.1
-"""The search for an upper end begins at most at the estimate over this."""
 
 
 class TooFewObservations(FitError):
@@ -164,8 +158,7 @@ def fit_components(
     contrasts = contrast(values, fixed, known, incidences)
     found = dependencies(contrasts)
     kept = [i for i, others in enumerate(found) if others is None]
-    if len(kept) < len(factors):
-        contrasts = replace(contrasts, roots=tuple(contrasts.roots[i] for i in kept))
+    contrasts = replace(contrasts, roots=tuple(contrasts.roots[i] for i in kept))
     solution = _solve(contrasts)
     unit = contrasts.scale**2
     components = {factor.name: _missing(factor, others, factors) for factor, others in zip(factors, found, strict=True)}
@@ -234,14 +227,12 @@ def ratio_interval(
     with_odds = solution.theta.copy()
     with_odds[index] /= rest
     best = replace(solution, theta=with_odds, curvature=likelihood(with_odds))
-    others = np.delete(np.eye(contrasts.count), index, axis=0)
-
-    def starts(odds: float) -> list[Array]:
-        """The share is small, too, where another component is large: the deviance has a minimum there, too."""
-        larger = float(solution.theta[index]) * (1 / odds - 1 / with_odds[index])
-        return [with_odds, *(with_odds + larger * others)]
-
-    low, high = _interval(likelihood, best, index, dof, starts if len(others) else None)
+    low, high = _interval(likelihood, best, index, dof)
+    if low > 0:  # the share is small, too, where a component of few levels is large
+        levels = [math.inf if i == index else root.shape[1] for i, root in enumerate(contrasts.roots)]
+        start = with_odds.copy()
+        start[np.argmin(levels)] += 1.0
+        low = _lower_end(likelihood, best, index, low, dof, start)
     return (low / (1 + low), high / (1 + high))
 
 
@@ -274,122 +265,56 @@ def deviance_quantile(dof: int) -> float:
 
 def _coverage(quantile: float, dof: int) -> float:
     """P(ν (x − 1 − log x) ≤ q) for ν x ~ χ²_ν."""
-    low, high = _quantile_roots(quantile / dof)
+    low, high = -scipy.special.lambertw(-math.exp(-1 - quantile / dof), [0, -1]).real
     return float(scipy.stats.chi2.cdf(dof * high, dof) - scipy.stats.chi2.cdf(dof * low, dof))
 
 
-def _quantile_roots(excess: float) -> Array:
-    """The two x for which x − 1 − log x is the excess."""
-    return np.asarray(-scipy.special.lambertw(-math.exp(-1 - excess), [0, -1]).real)
+def _interval(likelihood: Likelihood, best: RemlSolution, index: int, dof: int) -> tuple[float, float]:
+    """Ends for a coordinate of the likelihood, which is best at the solution."""
+    highest, estimate = best.curvature.deviance + deviance_quantile(dof), float(best.theta[index])
+    deviance = _profile(likelihood, index, best.theta)
+    low = 0.0 if deviance(0.0) <= highest else _crossing(deviance, highest, 0.0, estimate)
+    deviance = _profile(likelihood, index, best.theta)
+    inner, outer = estimate, max(estimate, INSIDE)
+    while deviance(outer) < highest:
+        if outer >= WIDEST:
+            return (low, math.nan)
+        inner, outer = outer, min(4 * outer, WIDEST)
+    return (low, _crossing(deviance, highest, inner, outer))
 
 
-def _interval(
-    likelihood: Likelihood,
-    best: RemlSolution,
-    index: int,
-    dof: int,
-    starts_of_low: Callable[[float], list[Array]] | None = None,
-) -> tuple[float, float]:
-    """Ends for a coordinate of the likelihood, which is best at the solution.
-
-    starts_of_low gives several starts for the profile at a low value: one minimum may lie below another there, so that
-    the lower end is sought twice, the second time from the starts at the first end.
-    """
-    quantile = deviance_quantile(dof)
-    at_zero = _profile(likelihood, index, 0.0, [_extrapolate(best, index, 0.0)])
-    lower_start, upper_start = _first_values(best, index, quantile)
-    high = _end(likelihood, best, index, quantile, upper_start)
-    if at_zero and at_zero[0].curvature.deviance <= best.curvature.deviance + quantile:
-        return 0.0, high
-    if starts_of_low is None:
-        return _end(likelihood, best, index, quantile, lower_start), high
-    low = _end(likelihood, best, index, quantile, lower_start, starts_of_low(lower_start))
-    return low if math.isnan(low) else _end(likelihood, best, index, quantile, low, starts_of_low(low)), high
+def _lower_end(likelihood: Likelihood, best: RemlSolution, index: int, low: float, dof: int, start: Array) -> float:
+    """A lower end than the one found if the profile from another start is below the limit there, else the same."""
+    highest, deviance = best.curvature.deviance + deviance_quantile(dof), _profile(likelihood, index, start)
+    inner = outer = low
+    while deviance(outer) < highest:
+        if outer < low / WIDEST:
+            return 0.0
+        inner, outer = outer, outer / 2  # in steps that do not leave this minimum
+    return _crossing(deviance, highest, outer, inner) if outer < low else low
 
 
-def _first_values(best: RemlSolution, index: int, quantile: float) -> tuple[float, float]:
-    """Both ends for the curvature at the solution; above zero, for a variance estimated by s² ~ σ² χ²_ν / ν."""
-    value, tangent = float(best.theta[index]), _tangent(best, index)
-    curvature = float(tangent @ best.curvature.information @ tangent)
-    if value == 0:
-        slope = float(best.curvature.gradient[index])
-        return 0.0, 2 * quantile / (slope + math.sqrt(slope**2 + 4 * quantile * curvature))
-    ratios = _quantile_roots(quantile / (2 * curvature * value**2))
-    return float(value / ratios[1]), float(value / max(ratios[0], SMALLEST_RATIO))
+def _profile(likelihood: Likelihood, index: int, start: Array) -> Callable[[float], float]:
+    """Value of the coordinate → least deviance, sought near the last one; infinite where V is singular."""
+    last = start
 
-
-def _end(
-    likelihood: Likelihood,
-    best: RemlSolution,
-    index: int,
-    quantile: float,
-    value: float,
-    starts: Sequence[Array] | None = None,
-) -> float:
-    """Value at which the profile deviance exceeds the least one by the quantile; NaN if there is none up to WIDEST.
-
-    The search begins at `value`, and its profile at the starts, by default on the tangent at the solution. It is
-    Newton's method for the root of the excess over the logarithm of the value, between a value inside the interval and
-    one outside. By the envelope theorem, the derivative of a profile is the partial one.
-    """
-    inside, is_upper = float(best.theta[index]), value > best.theta[index]
-    outside, found = math.inf if is_upper else 0.0, [best]
-    starts = starts or [_extrapolate(best, index, value)]
-    for _ in range(MOST_VALUES):
-        there = _profile(likelihood, index, value, starts)
-        excess = there[0].curvature.deviance - best.curvature.deviance if there else math.inf
-        inside, outside = (value, outside) if excess < quantile else (inside, value)
-        if inside >= WIDEST:
-            break
-        following = math.nan
-        slope = value * float(there[0].curvature.gradient[index]) if there else math.nan
-        if excess > 0 and (slope > 0 if is_upper else slope < 0):
-            change = 2 * (math.sqrt(quantile * excess) - excess) / slope
-            following = value * math.exp(min(max(change, -LARGEST_CHANGE), LARGEST_CHANGE))
-            if abs(change) < PRECISION:
-                return following
-        if inside > 0 and 0 < outside < math.inf and abs(math.log(outside / inside)) < PRECISION:
-            return value  # the profile jumps over the quantile, from one minimum to another
-        if not min(inside, outside) < following < max(inside, outside):
-            following = (inside + min(outside, 9 * value)) / 2
-        value, found = min(following, WIDEST), there or found
-        starts = [_extrapolate(near, index, value) for near in found]
-    return math.nan
-
-
-def _profile(likelihood: Likelihood, index: int, value: float, starts: Sequence[Array]) -> list[RemlSolution]:
-    """Different solutions with a value of the coordinate, the best first; none where V is singular."""
-    found: list[RemlSolution] = []
-    for start in starts:
-        for least in (0.0, INSIDE):  # V is singular at θ = 0 where no noise is known
-            begin = np.maximum(start, least)
+    @cache
+    def deviance(value: float) -> float:
+        nonlocal last
+        for begin in (last.copy(), np.maximum(last, INSIDE)):  # at θ = 0, V is singular where no noise is known
             begin[index] = value
             with suppress(scipy.linalg.LinAlgError):
-                found.append(maximise_from(likelihood, begin, PROFILE_STEP, index))
-                break
-    found.sort(key=lambda solution: solution.curvature.deviance)
-    return [one for i, one in enumerate(found) if i == 0 or not _is_same(one, found[0])]
+                found = maximise_from(likelihood, begin, PROFILE_STEP, index)
+                last = found.theta
+                return found.curvature.deviance
+        return math.inf
+
+    return deviance
 
 
-def _is_same(one: RemlSolution, other: RemlSolution) -> bool:
-    """Whether both are one minimum, reached up to the last step."""
-    change = one.theta - other.theta
-    return bool(change @ other.curvature.information @ change < (4 * PROFILE_STEP) ** 2)
-
-
-def _extrapolate(near: RemlSolution, index: int, value: float) -> Array:
-    """Coordinates of the profile at a value by its tangent at another one."""
-    return np.asarray(near.theta + _tangent(near, index) * (value - near.theta[index]))
-
-
-def _tangent(near: RemlSolution, index: int) -> Array:
-    """Derivatives of the coordinates of a profile by the held one; zero where the curvature does not give them."""
-    tangent = np.zeros_like(near.theta)
-    free = near.theta > 0
-    free[index] = False
-    if free.any():
-        observed = near.curvature.observed
-        _, others, failed = scipy.linalg.lapack.dposv(observed[np.ix_(free, free)], -observed[free, index])
-        tangent[free] = 0.0 if failed else others
-    tangent[index] = 1.0
-    return tangent
+def _crossing(deviance: Callable[[float], float], level: float, low: float, high: float) -> float:
+    """Value between low and high at which the deviance crosses the level; NaN where both ends lie on one side of it."""
+    try:
+        return float(scipy.optimize.brentq(lambda value: deviance(value) - level, low, high, rtol=PRECISION))
+    except ValueError:
+        return math.nan

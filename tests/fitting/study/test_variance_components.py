@@ -24,7 +24,8 @@ from fitting.study.variance_components import (
     ComponentOutcome,
     Factor,
     TooFewObservations,
-    _end,
+    _evaluate_odds,
+    _lower_end,
     component_interval,
     deviance_quantile,
     fit_components,
@@ -290,18 +291,6 @@ def test_the_interval_of_a_share_is_that_of_harville_s_profile(noise: float) -> 
         assert profile(end / (1 - end)) - least == pytest.approx(deviance_quantile(2), rel=5e-3)
 
 
-@pytest.mark.parametrize("edge", [0.3, 4.0])
-def test_an_end_is_where_the_profile_jumps_over_the_quantile(edge: float) -> None:
-    def likelihood(theta: Array) -> Curvature:
-        change = float(np.log(theta[0]))
-        is_beyond = theta[0] < edge if edge < 1 else theta[0] > edge
-        return Curvature(change**2 + 9 * is_beyond, 2 * change / theta, np.eye(1), np.eye(1))
-
-    best = RemlSolution(np.ones(1), likelihood(np.ones(1)), FitOutcome.CONVERGED)
-    for start in (edge**0.5, edge**2):
-        assert _end(likelihood, best, 0, 3.84, start) == pytest.approx(edge, rel=2e-3)
-
-
 def test_the_lower_end_of_a_share_is_that_of_the_lower_of_two_minima() -> None:
     """Of three operators either little variance, or so much that the share of the volunteers is small beside it."""
     measurements, _ = draw_study(np.random.default_rng(49))
@@ -503,3 +492,31 @@ def test_few_donnings_give_no_spread(cuffs: int, donnings: int) -> None:
 def test_a_spread_below_the_noise_of_the_fits_is_not_resolved() -> None:
     found = estimate_donning_spread(measured(4, spread=0.0, noise=0.3))
     assert found.outcome is SpreadOutcome.UNRESOLVED
+
+
+def test_the_curvature_by_odds_has_the_differences_of_the_deviance_and_of_the_gradient() -> None:
+    contrasts, at, step = one_way(noise=0.3), np.array([0.7, 0.4]), 1e-5
+
+    def by_odds(coordinates: Array) -> Curvature:
+        return _evaluate_odds(contrasts, 0, 0.2, coordinates)
+
+    here, sides = by_odds(at), [(by_odds(at + move), by_odds(at - move)) for move in step * np.eye(2)]
+    slopes = [(more.deviance - less.deviance) / (2 * step) for more, less in sides]
+    np.testing.assert_allclose(here.gradient, slopes, rtol=1e-6)
+    bends = [(more.gradient - less.gradient) / (4 * step) for more, less in sides]
+    np.testing.assert_allclose(here.observed, bends, rtol=1e-6)
+    assert by_odds(at).deviance == evaluate(contrasts, np.array([0.7 * (0.4 + 0.2), 0.4])).deviance
+
+
+def test_a_share_of_a_component_at_zero_begins_at_zero() -> None:
+    contrasts = one_way(np.tile([1.0, -1.0, 2.0, -2.0], 3))
+    solution = maximise(contrasts)
+    assert solution.theta[0] == 0
+    low, high = ratio_interval(contrasts, solution, 0, 0.0, 2)
+    assert low == 0 < high < 1
+
+
+def test_a_minimum_that_is_below_the_limit_down_to_zero_has_its_lower_end_there() -> None:
+    flat = Curvature(0.0, np.zeros(1), np.eye(1), np.eye(1))
+    best = RemlSolution(np.ones(1), flat, FitOutcome.CONVERGED)
+    assert _lower_end(lambda _: flat, best, 0, 0.5, 2, np.ones(1)) == 0
