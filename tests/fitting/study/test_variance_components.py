@@ -292,7 +292,7 @@ def test_the_interval_of_a_share_is_that_of_harville_s_profile(noise: float) -> 
 
 
 def test_the_lower_end_of_a_share_is_that_of_the_lower_of_two_minima() -> None:
-    """Of three operators either little variance, or so much that the share of the volunteers is small beside it."""
+    """Of three operators either little variance, or so much that the share of the volunteers is small."""
     measurements, _ = draw_study(np.random.default_rng(49))
     model = fit_model(measurements, _study_factors(measurements))
     contrasts, solution, noise = model.contrasts, model.solution, model.noise / model.contrasts.scale**2

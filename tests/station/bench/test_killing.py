@@ -250,7 +250,7 @@ class KillBench:
     def kill(self, instants_s: Sequence[float]) -> list[RemainingFile]:
         """Starts a daemon for each instant (seconds after the edge, in order), and kills it then.
 
-        Returns what the kills left, and copies of what each would have left of the daemons that recorded on.
+        Returns the files of killed daemons, and copies of the files of those that recorded on.
         """
         folders = [self._folder / f"daemon-{i}" for i in range(len(instants_s))]
         with ExitStack() as stack:
@@ -279,7 +279,7 @@ def is_armed(message: dict[str, Any]) -> bool:
 
 
 def ensure_contiguous(recording: Recording) -> None:
-    """What is left of each stream begins where it should and has no hole."""
+    """The rest of each stream begins where it should and has no hole."""
     for stream in ("/force", "/sync", "/markers"):
         numbers = recording.load(stream).sample_numbers
         assert (np.diff(numbers) == 1).all()
